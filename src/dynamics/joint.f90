@@ -61,21 +61,12 @@ contains
       real(wp), intent(in) :: place       !! w.x [m]
       integer, intent(in) :: direction    !! +1 or -1; 0: it sticks
       integer :: starts
-      logical :: has_stuck
 
-      has_stuck = direction == 0
       starts = abs(direction)
-      associate (j => joint, w => sample)
-         state%direction(j, w) = direction
-         state%slip_starts(j, w) = state%slip_starts(j, w) + starts
-         state%stick_starts(j, w) = state%stick_starts(j, w) + (1 - starts)
-         state%slip_time(j, w) = state%slip_time(j, w) &
-                                 + merge(time - state%slip_since(j, w), 0.0_wp, has_stuck)
-         state%slip_distance(j, w) = state%slip_distance(j, w) &
-                                     + merge(abs(place - state%slip_from(j, w)), 0.0_wp, has_stuck)
-         state%slip_since(j, w) = time
-         state%slip_from(j, w) = place
-      end associate
+      call count_slip(state, joint, sample, time, place, 1.0_wp - starts)
+      state%direction(joint, sample) = direction
+      state%slip_starts(joint, sample) = state%slip_starts(joint, sample) + starts
+      state%stick_starts(joint, sample) = state%stick_starts(joint, sample) + (1 - starts)
       if (state%keeps_transitions) call state%transitions(sample)%append(time, joint, direction)
    end subroutine enter_transition
 
@@ -89,8 +80,8 @@ contains
       do w = 1, state%n_samples
          do j = 1, state%n_joints
             if (state%direction(j, w) == 0) cycle
-            call count_slip(state, j, w, time, &
-                            dot_product(structure%direction(:, j), state%displacement(:, w)))
+            call count_slip(state, j, w, time, dot_product(structure%direction(:, j), &
+                                                           state%displacement(:, w)), 1.0_wp)
          end do
       end do
    end subroutine close_account
@@ -118,15 +109,17 @@ contains
 
    !> Counts a slip from its start, or from where it was last counted, to now. A joint slips in one
    !> direction between the two, so |change of w.x| is its way.
-   pure subroutine count_slip(state, joint, sample, time, place)
+   pure subroutine count_slip(state, joint, sample, time, place, share)
       type(block_state), intent(inout) :: state
       integer, intent(in) :: joint, sample
       real(wp), intent(in) :: time    !! [s]
       real(wp), intent(in) :: place   !! w.x [m]
+      real(wp), intent(in) :: share   !! 1; 0 where it has not slipped and starts to
 
       associate (j => joint, w => sample)
-         state%slip_time(j, w) = state%slip_time(j, w) + (time - state%slip_since(j, w))
-         state%slip_distance(j, w) = state%slip_distance(j, w) + abs(place - state%slip_from(j, w))
+         state%slip_time(j, w) = state%slip_time(j, w) + share*(time - state%slip_since(j, w))
+         state%slip_distance(j, w) = state%slip_distance(j, w) &
+                                     + share*abs(place - state%slip_from(j, w))
          state%slip_since(j, w) = time
          state%slip_from(j, w) = place
       end associate

@@ -25,15 +25,6 @@ module dynamics_newmark_march
       procedure :: advance
    end type newmark_marcher
 
-   !> Where the records of a block go, and which comes next.
-   type :: newmark_recorder
-      integer(long), allocatable :: next_tick(:)       !! (sample) of its next record; -1: none
-      integer(long), private :: ticks_apart = 0
-      integer, allocatable, private :: n_records(:)    !! (sample) so far
-   contains
-      procedure :: record
-   end type newmark_recorder
-
 contains
 
    !> Prepares Newmark's scheme for one structure, average acceleration with beta = 1/4 and gamma =
@@ -105,13 +96,18 @@ contains
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: steps_apart = 64   ! samples meet again after so many: data stay near
       type(newmark_block) :: block
-      type(newmark_recorder) :: recorder
-      integer :: step, n_steps
+      integer(long) :: next_tick(state%n_samples)   ! of the next record; -1: none
+      integer(long) :: ticks_apart                  ! records
+      integer :: n_records(state%n_samples), n_steps, step
 
       n_steps = ubound(force, 1)
       if (n_steps == 0) return
       call load_block(self%steps%frame, self%dt, self%steps%max_halvings, force, state, block)
-      call start_recorder(state, block, merge(every, 0, size(displacement) > 0), recorder)
+      n_records = 0
+      next_tick = -1
+      ticks_apart = shiftl(int(every, long), block%max_halvings)
+      if (size(displacement) > 0) &   ! steps are counted from the start of the march, ticks from now
+         next_tick = ticks_apart - shiftl(modulo(state%step, int(every, long)), block%max_halvings)
       do step = 0, n_steps - 1, steps_apart
          call march_to(min(step + steps_apart, n_steps))
       end do
@@ -138,25 +134,33 @@ contains
             do k = 1, n_failed
                call block%foresee_passage(failed(k))
             end do
-            call settle(block, last, has_passed, recorder%next_tick, is_left, is_due, is_switching)
+            call settle(block, last, has_passed, next_tick, is_left, is_due, is_switching)
             call list_marked(is_left, sample, n_active)
             call list_marked(is_due, due, n_due)
             call list_marked(is_switching, switching, n_switching)
             do k = 1, n_switching
                w = switching(k)
                call block%switch_at_nearer_end(state, w)
-               if (block%tick(w) == recorder%next_tick(w)) call append(w, due, n_due)
+               if (block%tick(w) == next_tick(w)) call append(w, due, n_due)
                if (block%tick(w) < last) call append(w, sample, n_active)
             end do
             do k = 1, n_due
-               if (present(velocity)) then
-                  call recorder%record(block, due(k), displacement, velocity)
-               else
-                  call recorder%record(block, due(k), displacement)
-               end if
+               call record(due(k))
             end do
          end do
       end subroutine march_to
+
+      !> Takes down sample w.
+      subroutine record(w)
+         integer, intent(in) :: w
+
+         n_records(w) = n_records(w) + 1
+         next_tick(w) = next_tick(w) + ticks_apart
+         associate (motion => block%motion(:block%frame%n_dof, :, block%slot(w), w))
+            displacement(n_records(w), :, w) = motion(:, 3)
+            if (present(velocity)) velocity(n_records(w), :, w) = motion(:, 2)
+         end associate
+      end subroutine record
 
    end subroutine advance
 
@@ -224,39 +228,5 @@ contains
       n = n + 1
       list(n) = number
    end subroutine append
-
-   !> Starts the records. Steps are counted from the start of the march, ticks from the beginning of
-   !> this piece.
-   pure subroutine start_recorder(state, block, every, recorder)
-      type(block_state), intent(in) :: state
-      type(newmark_block), intent(in) :: block
-      integer, intent(in) :: every   !! 0: nothing is recorded
-      type(newmark_recorder), intent(out) :: recorder
-      integer(long) :: first
-
-      first = -1
-      if (every > 0) &
-         first = shiftl(every - modulo(state%step, int(every, long)), block%max_halvings)
-      recorder%ticks_apart = shiftl(int(every, long), block%max_halvings)
-      allocate (recorder%next_tick(block%n_samples), source=first)
-      allocate (recorder%n_records(block%n_samples), source=0)
-   end subroutine start_recorder
-
-   !> Takes down sample w.
-   pure subroutine record(self, block, w, displacement, velocity)
-      class(newmark_recorder), intent(inout) :: self
-      type(newmark_block), intent(in) :: block
-      integer, intent(in) :: w
-      real(wp), intent(inout) :: displacement(:, :, :)         !! (record, dof, sample)
-      real(wp), intent(inout), optional :: velocity(:, :, :)
-
-      self%n_records(w) = self%n_records(w) + 1
-      self%next_tick(w) = self%next_tick(w) + self%ticks_apart
-      associate (motion => block%motion(:block%frame%n_dof, :, block%slot(w), w), &
-                 r => self%n_records(w))
-         displacement(r, :, w) = motion(:, 3)
-         if (present(velocity)) velocity(r, :, w) = motion(:, 2)
-      end associate
-   end subroutine record
 
 end module dynamics_newmark_march
