@@ -28,6 +28,7 @@ program regression
    real(wp), parameter :: share_below(2) = [0.05_wp, 0.95_wp]
    real(wp), parameter :: highest = 3.0_wp   ! [Hz] of the outputs
    integer(long), parameter :: seed = 1_long
+   real(wp), parameter :: share_left_out = 0.05_wp   ! of the law's draws
    type :: case_data
       real(wp), allocatable :: friction(:, :)     !! (point, sample)
       real(wp), allocatable :: slip(:, :)         !! (joint, sample)
@@ -198,14 +199,32 @@ contains
             transpose(cases(c)%friction(:, chosen(:n_fitted, c)))
       end do
       call new_pool(friction, [(1 + c*n_fitted, c=0, n_cases)], [(n, c=1, n_cases)], pool)
-      do c = 1, n_cases   ! all there are: exact
-         call pool%add_law(c, transpose(cases(c)%friction), 1.0e9_wp)
+      do c = 1, n_cases
+         call add_law(c, pool)
       end do
       do j = 1, n_joints
          call estimate_joint(pool, j, chosen)
          call estimate_dof(pool, j, chosen)
       end do
    end subroutine estimate_all
+
+   !> Adds most samples of a case, others in each draw, as draws of its law: so do the points of the
+   !> law differ.
+   subroutine add_law(number, pool)
+      integer, intent(in) :: number
+      type(pool_type), intent(inout) :: pool
+      type(stream_type) :: stream
+      real(wp) :: u(size(cases(number)%friction, 2))
+      integer :: i, n_all
+      integer, allocatable :: some(:)
+
+      n_all = size(u)
+      stream = new_stream(seed + number, label_of('law'), draw)
+      call stream%uniforms(u)
+      some = pack([(i, i=1, n_all)], u > share_left_out)
+      call pool%add_law(number, transpose(cases(number)%friction(:, some)), &
+                        real(n_all, wp)*size(some)/(n_all - size(some)))
+   end subroutine add_law
 
    subroutine estimate_joint(pool, j, chosen)
       type(pool_type), intent(in) :: pool

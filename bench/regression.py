@@ -3,7 +3,7 @@
 Campaigns of thousands of samples a case are the truth. From each of them N samples (25, 100 and
 400) are drawn TIMES times (400), with replacement; each time all statistics are estimated, and
 their errors compared with plain sampling's. The law of the friction is that of the campaign's
-samples. Every case is estimated by itself, and pooled with those of
+samples, of which each draw takes most. Every case is estimated by itself, and pooled with those of
 the same force. Prints a table for each scene (paper, stuck, ring, twenty): median gain over cases,
 masses (and frequencies), in brackets the least; mean coverage, in brackets the least and the
 largest of a case and a mass.
