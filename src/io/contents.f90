@@ -26,15 +26,8 @@ module io_contents
 
 contains
 
-   !> Notes what all groups of a file hold, before it is closed.
-   subroutine note_contents(file, error)
-      type(hdf5_file), intent(in) :: file
-      type(error_type), allocatable, intent(out) :: error
-
-      call note_group(file, '/', error)
-   end subroutine note_contents
-
-   recursive subroutine note_group(file, group, error)
+   !> Notes what a group of a file and those in it hold, before the file is closed.
+   recursive subroutine note_contents(file, group, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group   !! with its last slash
       type(error_type), allocatable, intent(out) :: error
@@ -46,9 +39,9 @@ contains
          call write_sealed_attribute(file, group, list, joined(members), error)
       do i = 1, size(members)
          if (allocated(error)) return
-         if (index(members(i), '/') > 0) call note_group(file, group//trim(members(i)), error)
+         if (index(members(i), '/') > 0) call note_contents(file, group//trim(members(i)), error)
       end do
-   end subroutine note_group
+   end subroutine note_contents
 
    !> Compares a file with what was noted in it and reads every number once, so that all pass HDF5's
    !> checksums: an error names what is missing, has another shape or is damaged.
@@ -84,9 +77,11 @@ contains
          length = index(noted(first:)//' ', ' ') - 1
          word = noted(first:first + length - 1)
          first = first + length + 1
-         i = findloc(members == word, .true., dim=1)
-         if (i > 0) then
-            call check_member(file, group//name_in(word), index(word, '/') > 0, faults)
+         if (any(members == word) .and. index(word, '/') > 0) then
+            call check_group(file, group//word, faults)
+         else if (any(members == word)) then
+            call check_dataset(file, group//name_in(word), error)
+            if (allocated(error)) call faults%add(error%message(len(file%path) + 3:))
          else if (any([(name_in(members(i)) == name_in(word), i=1, size(members))])) then
             call faults%add(group//name_in(word)//' does not have the shape '// &
                             word(len(name_in(word)) + 1:)//' any more')
@@ -95,21 +90,6 @@ contains
          end if
       end do
    end subroutine check_group
-
-   recursive subroutine check_member(file, path, is_group, faults)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      logical, intent(in) :: is_group
-      type(fault_list), intent(inout) :: faults
-      type(error_type), allocatable :: error
-
-      if (is_group) then
-         call check_group(file, path//'/', faults)
-      else
-         call check_dataset(file, path, error)
-         if (allocated(error)) call faults%add(error%message(len(file%path) + 3:))
-      end if
-   end subroutine check_member
 
    !> Lists the members of a group, each with its shape.
    subroutine list_members(file, group, members, error)
@@ -122,11 +102,9 @@ contains
       integer(long), allocatable :: extents(:)
       integer :: i
 
-      allocate (character(longest) :: members(0))
       call file%list(group, names, error)
-      if (allocated(error)) return
-      deallocate (members)
       allocate (character(longest) :: members(size(names)))
+      if (allocated(error)) return
       do i = 1, size(names)
          if (file%is_group(group//trim(names(i)))) then
             members(i) = trim(names(i))//'/'

@@ -312,7 +312,7 @@ contains
 
       temporary = file%path
       call write_attribute(file, '/', 'wall_seconds', wall_seconds, error)
-      if (.not. allocated(error)) call note_contents(file, error)
+      if (.not. allocated(error)) call note_contents(file, '/', error)
       if (.not. allocated(error)) call file%close(error)
       if (.not. allocated(error)) call sync_file(temporary, error)
       if (.not. allocated(error)) call open_hdf5(temporary, file, error)
