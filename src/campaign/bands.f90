@@ -96,7 +96,7 @@ contains
       real(wp) :: in_group(self%columns%n_percentiles())
       integer :: dof, f, p, before, place
 
-      weight = real(size(psd, 3), wp)/self%columns%n_samples
+      weight = self%step*(real(size(psd, 3), wp)/self%columns%n_samples)
       rank = self%columns%ranks_in_group(size(psd, 3))
       before = (group - 1)*self%n_drawn
       call draw_again(self%seed, before, times)
@@ -109,9 +109,11 @@ contains
                                   in_group, ranking)
             sorted = psd(dof, f, ranking)
             if (present(power)) &
-               call add_power(self, (group - 1)*size(self%integral, 3) + slice, dof, weight, &
-                              psd(dof, f, :), ranking, &
-                              power(dof, place + 1:place + n_batches, :), rank, in_group)
+               call self%batches%add((group - 1)*size(self%integral, 3) + slice, dof, &
+                                     psd(dof, f, :), ranking, &
+                                     power(dof, place + 1:place + n_batches, :), &
+                                     weight*[sum(psd(dof, f, :))/size(psd, 3), in_group], &
+                                     rank(:, low), rank(:, high))
             do p = 1, size(in_group)
                call find_again(sorted, ranking, times, rank(p, middle), again)
                associate (drawn => self%replicate(dof, p, before + 1:before + size(again), slice))
@@ -129,24 +131,6 @@ contains
 
       first_of_power = 1 + n_batches*count(self%last_of_range < frequency)
    end function first_of_power
-
-   !> Adds one frequency of one dof to the batches of the march.
-   pure subroutine add_power(self, slice, dof, weight, density, ranking, power, rank, percentile)
-      class(band_collector), intent(inout) :: self
-      integer, intent(in) :: slice, dof        !! the slice as one of all groups'
-      real(wp), intent(in) :: weight          !! of the group among all samples
-      real(wp), intent(in) :: density(:)      !! (sample)
-      integer, intent(in) :: ranking(:)         !! of the samples, ascending
-      real(wp), intent(in) :: power(:, :)     !! (batch, sample)
-      real(wp), intent(in) :: rank(:, :)      !! as ranks_in_group has them
-      real(wp), intent(in) :: percentile(:)   !! of the densities
-      real(wp) :: at(0:size(percentile))
-
-      at(0) = sum(density)/size(density)
-      at(1:) = percentile
-      call self%batches%add(slice, dof, density, ranking, power, self%step*weight*at, &
-                            rank(:, low), rank(:, high))
-   end subroutine add_power
 
    !> Adds one frequency to the integrals of the samples, as means over bins of samples.
    pure subroutine add_to_bins(self, first_sample, density, integral)
