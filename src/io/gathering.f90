@@ -88,6 +88,7 @@ contains
          call open_hdf5(self%shards(chosen(i))%path, file, error)
          if (allocated(error)) return
          group = group_of(file, '/')
+         if (allocated(sample)) deallocate (sample)
          call group%get('transition_sample', sample)
          call group%take_error(error)
          call file%abandon()

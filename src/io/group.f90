@@ -2,9 +2,9 @@
 !> error is taken once.
 module io_group
    use core_error, only: error_type
-   use core_kinds, only: long, wp
-   use io_hdf5, only: has_attribute, hdf5_file, label_type, read_attribute, read_dataset, &
-                      read_extent, write_attribute, write_dataset
+   use core_kinds, only: wp
+   use io_hdf5, only: allocate_for, has_attribute, hdf5_file, label_type, move_rows, &
+                      read_attribute, read_dataset, write_attribute, write_dataset
    implicit none(type, external)
    private
    public :: group_of, group_type, new_group
@@ -19,9 +19,10 @@ module io_group
       generic :: put => put_reals, put_integers
       generic :: column => real_column, integer_column
       generic :: read => read_text, read_integer, read_real
-      generic :: get => get_number, get_row, get_matrix
       procedure :: at
       procedure :: has
+      procedure :: get
+      procedure :: get_number
       procedure :: go_to
       procedure :: attribute
       procedure :: put_axis
@@ -31,7 +32,6 @@ module io_group
       procedure, private :: put_reals, put_integers
       procedure, private :: real_column, integer_column
       procedure, private :: read_text, read_integer, read_real
-      procedure, private :: get_number, get_row, get_matrix
    end type group_type
 
 contains
@@ -204,7 +204,7 @@ contains
          call read_attribute(self%file, self%path, name, value, self%error)
    end subroutine read_real
 
-   !> Reads a dataset; an array that is not there is not allocated.
+   !> Reads a scalar.
    subroutine get_number(self, name, value)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name
@@ -214,39 +214,18 @@ contains
          call read_dataset(self%file, self%at(name), value, self%error)
    end subroutine get_number
 
-   subroutine get_row(self, name, values)
+   !> Reads a dataset of reals; an array that is not there is not allocated.
+   subroutine get(self, name, values)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name
-      real(wp), allocatable, intent(out) :: values(:)
-      integer(long), allocatable :: n(:)
-
-      call find_extents(self, name, 1, n)
-      if (allocated(self%error) .or. .not. allocated(n)) return
-      allocate (values(n(1)))
-      call read_dataset(self%file, self%at(name), values, self%error)
-   end subroutine get_row
-
-   subroutine get_matrix(self, name, values)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      real(wp), allocatable, intent(out) :: values(:, :)
-      integer(long), allocatable :: n(:)
-
-      call find_extents(self, name, 2, n)
-      if (allocated(self%error) .or. .not. allocated(n)) return
-      allocate (values(n(1), n(2)))
-      call read_dataset(self%file, self%at(name), values, self%error)
-   end subroutine get_matrix
-
-   !> Finds the extents of a dataset that is there; else leaves them unallocated.
-   subroutine find_extents(self, name, n_axes, extents)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      integer, intent(in) :: n_axes   !! expected
-      integer(long), allocatable, intent(out) :: extents(:)
+      real(wp), allocatable, intent(inout) :: values(..)   !! not allocated yet
 
       if (allocated(self%error)) return
-      if (self%has(name)) call read_extent(self%file, self%at(name), n_axes, extents, self%error)
-   end subroutine find_extents
+      if (.not. self%has(name)) return
+      call allocate_for(self%file, self%at(name), values, self%error)
+      if (.not. allocated(self%error)) &
+         call move_rows(self%file, self%at(name), 0, values, 0, size(values, rank(values)), &
+                        .false., self%error)
+   end subroutine get
 
 end module io_group

@@ -182,8 +182,8 @@ contains
          value = 0.0_wp
          if (.not. self%group%has(trim(what%name))) return
       end if
-      call self%group%get(trim(what%name), value)
-      if (present(error)) call self%group%get(trim(what%name)//'_error', error)
+      call self%group%get_number(trim(what%name), value)
+      if (present(error)) call self%group%get_number(trim(what%name)//'_error', error)
    end subroutine take_real
 
    subroutine take_text(self, what, value)

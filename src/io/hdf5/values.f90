@@ -2,7 +2,7 @@
 !> memory all are reals, which hold the whole numbers of a file exactly (below 2^53); HDF5 converts
 !> them. Arrays are Fortran's here; Python sees their axes reversed.
 module io_hdf5_values
-   use, intrinsic :: iso_c_binding, only: c_loc, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
@@ -11,7 +11,8 @@ module io_hdf5_values
    use io_hdf5_outcome, only: conclude
    implicit none(type, external)
    private
-   public :: check_dataset, extents_of, move, move_part, read_dataset, read_extent, read_shape
+   public :: allocate_for, check_dataset, extents_of, move, move_part, move_rows, read_dataset, &
+             read_extent, read_shape
 
 contains
 
@@ -52,6 +53,34 @@ contains
       call raise(error, exit_file, file%path//': '//path//': cannot be read: '// &
                  to_text(size(extents))//' axes where '//to_text(n_axes)//' are expected')
    end subroutine read_extent
+
+   !> Allocates an array for a dataset, or for so many rows of its last axis, unless it is there. A
+   !> damaged file names any extent.
+   subroutine allocate_for(file, path, values, error, n_rows)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      real(wp), allocatable, intent(inout) :: values(..)
+      type(error_type), allocatable, intent(out) :: error
+      integer, intent(in), optional :: n_rows
+      integer(long), allocatable :: n(:)
+      integer :: status
+
+      call read_extent(file, path, rank(values), n, error)
+      if (allocated(error) .or. allocated(values)) return
+      if (present(n_rows)) n(size(n)) = n_rows
+      select rank (values)
+      rank (1)
+         allocate (values(n(1)), stat=status)
+      rank (2)
+         allocate (values(n(1), n(2)), stat=status)
+      rank (3)
+         allocate (values(n(1), n(2), n(3)), stat=status)
+      rank default
+         error stop 'allocate_for: more axes than datasets have'
+      end select
+      if (status /= 0) call raise(error, exit_file, file%path//': '//path// &
+                                  ' does not fit into memory: '//to_text(product(n))//' values')
+   end subroutine allocate_for
 
    !> Reads values from a dataset of just their shape.
    subroutine read_dataset(file, path, values, error)
@@ -126,6 +155,31 @@ contains
 
       call move(file, path, first, extents_of(values), c_loc(values), is_written, error)
    end subroutine move_part
+
+   !> Writes n rows of the last axis behind the first `place` of them into a dataset, behind its
+   !> first `before`, or reads them from there.
+   subroutine move_rows(file, path, before, values, place, n, is_written, error)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      integer, intent(in) :: before, place, n
+      real(wp), allocatable, intent(in), target :: values(..)
+      logical, intent(in) :: is_written
+      type(error_type), allocatable, intent(out) :: error
+      integer(hsize_t) :: extents(rank(values))
+      integer :: first(rank(values))
+      real(wp), pointer :: numbers(:)
+
+      extents = shape(values)
+      if (any(extents < 1) .or. n < 1) return
+      call c_f_pointer(c_loc(values), numbers, [product(extents)])
+      associate (last => size(extents))
+         extents(last) = n
+         first = 1
+         first(last) = before + 1
+         call move(file, path, first, extents, &
+                   c_loc(numbers(product(extents(:last - 1))*place + 1)), is_written, error)
+      end associate
+   end subroutine move_rows
 
    !> Writes or reads the values of a scalar or of a part of a dataset.
    subroutine move(file, path, first, extents, values, is_written, error)
