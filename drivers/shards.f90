@@ -1,6 +1,7 @@
 !> The shards of an output, known to all ranks and verified by all.
 module driver_shards
    use core_error, only: error_type
+   use core_kinds, only: wp
    use io_gathering, only: order_shards, stored_samples
    use io_shards, only: list_shards, named_shard, shard_type, verify_shard
    use io_store, only: shard_store
@@ -19,24 +20,20 @@ contains
       type(stored_samples), intent(out) :: stored
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
-      integer, allocatable :: cases(:), first(:), n(:)
+      real(wp), allocatable :: numbers(:, :)   ! (shard; case, first sample, samples)
       integer :: i
 
       if (world%is_root()) call list_shards(store, shards, error)
       if (.not. allocated(shards)) allocate (shards(0))
-      cases = shards%case_number
-      first = shards%first_sample
-      n = shards%n_samples
-      call world%broadcast(cases)
-      call world%broadcast(first)
-      call world%broadcast(n)
-      if (.not. world%is_root()) then
-         deallocate (shards)
-         allocate (shards(size(cases)))
-         do i = 1, size(cases)
-            shards(i) = named_shard(store, cases(i), first(i), n(i))
-         end do
-      end if
+      numbers = reshape(real([shards%case_number, shards%first_sample, shards%n_samples], wp), &
+                        [size(shards), 3])
+      call world%broadcast(numbers)
+      deallocate (shards)
+      allocate (shards(size(numbers, 1)))
+      do i = 1, size(shards)
+         shards(i) = named_shard(store, nint(numbers(i, 1)), nint(numbers(i, 2)), &
+                                 nint(numbers(i, 3)))
+      end do
       call order_shards(store, shards, stored)
    end subroutine list_stored
 

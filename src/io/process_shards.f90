@@ -1,11 +1,11 @@
 !> Solved processes as files of a store, beside the shards of the samples that are drawn from them:
 !> a fit that is done is not done again.
 module io_process_shards
-   use core_error, only: error_type, exit_file, raise
+   use core_error, only: error_type
    use core_phrases, only: numbered
    use io_files, only: exists, remove_file
    use io_group, only: group_type, new_group
-   use io_hdf5, only: hdf5_file, open_hdf5, read_attribute, write_attribute
+   use io_hdf5, only: hdf5_file, open_hdf5
    use io_process_results, only: read_solution, write_solution
    use io_store, only: finish_file, list_finished, name_of, open_own, shard_store, start_file
    use process_model, only: process_model_type
@@ -28,14 +28,11 @@ contains
       type(group_type) :: group
       type(hdf5_file) :: file
 
-      call start_file(store, shard_name(number), file, error)
+      call start_file(store, shard_name(number), ['process'], [number], file, error)
       if (allocated(error)) return
-      call write_attribute(file, '/', 'process', number, error)
-      if (.not. allocated(error)) then
-         group = new_group(file, solution)
-         call write_solution(group, model, is_sealed=.true.)
-         call group%take_error(error)
-      end if
+      group = new_group(file, solution)
+      call write_solution(group, model, is_sealed=.true.)
+      call group%take_error(error)
       call finish_file(store, shard_name(number), file, error)
    end subroutine keep_process
 
@@ -74,19 +71,13 @@ contains
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
-      integer :: found
 
-      call open_own(store, path_of(store, number), advice, file, error)
+      call open_own(store, path_of(store, number), ['process'], [number], 'process', advice, file, &
+                    error)
       if (allocated(error)) return
-      call read_attribute(file, '/', 'process', found, error)
-      if (.not. allocated(error)) call read_solution(file, solution, model, error)
+      call read_solution(file, solution, model, error)
       call file%abandon()
-      if (allocated(error)) then
-         error%message = error%message//advice
-      else if (found /= number) then
-         call raise(error, exit_file, file%path// &
-                    ' does not hold the process that its name tells'//advice)
-      end if
+      if (allocated(error)) error%message = error%message//advice
    end subroutine read_one
 
    !> Removes all processes of a store, and the store if nothing else is in it.

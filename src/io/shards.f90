@@ -4,7 +4,6 @@ module io_shards
    use core_error, only: error_type, exit_file, raise
    use io_blocks, only: read_block, write_blocks
    use io_files, only: remove_file
-   use io_group, only: group_of, group_type
    use io_hdf5, only: hdf5_file
    use io_lock, only: lock_type
    use io_process_shards, only: is_process_shard
@@ -16,6 +15,7 @@ module io_shards
              verify_shard, write_shard
 
    character(*), parameter :: advice = '; remove it to have its samples computed again'
+   character(*), parameter :: header(*) = [character(12) :: 'case', 'first_sample', 'n_samples']
 
    !> One shard, as its name tells it.
    type :: shard_type
@@ -37,25 +37,12 @@ contains
       character(:), allocatable :: name
 
       name = shard_name(blocks(1)%case_number, blocks(1)%first_sample, sum(blocks%n_samples))
-      call start_file(store, name, file, error)
+      call start_file(store, name, header, [blocks(1)%case_number, blocks(1)%first_sample, &
+                                            sum(blocks%n_samples)], file, error)
       if (allocated(error)) return
-      call fill_shard(file, blocks, error)
+      call write_blocks(file, blocks, error)
       call finish_file(store, name, file, error)
    end subroutine write_shard
-
-   subroutine fill_shard(file, blocks, error)
-      type(hdf5_file), intent(in) :: file
-      type(block_result), intent(inout) :: blocks(:)
-      type(error_type), allocatable, intent(out) :: error
-      type(group_type) :: root
-
-      root = group_of(file, '/')
-      call root%attribute('case', blocks(1)%case_number)
-      call root%attribute('first_sample', blocks(1)%first_sample)
-      call root%attribute('n_samples', sum(blocks%n_samples))
-      call root%take_error(error)
-      if (.not. allocated(error)) call write_blocks(file, blocks, error)
-   end subroutine fill_shard
 
    !> The shard of these samples, there or not.
    pure function named_shard(store, case_number, first_sample, n_samples) result(shard)
@@ -63,10 +50,8 @@ contains
       integer, intent(in) :: case_number, first_sample, n_samples
       type(shard_type) :: shard
 
-      shard%path = store%folder//'/'//shard_name(case_number, first_sample, n_samples)
-      shard%case_number = case_number
-      shard%first_sample = first_sample
-      shard%n_samples = n_samples
+      shard = shard_type(store%folder//'/'//shard_name(case_number, first_sample, n_samples), &
+                         case_number, first_sample, n_samples)
    end function named_shard
 
    !> Lists the shards of a store by their names; a file that is none is refused by name.
@@ -110,40 +95,17 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
 
-      call open_shard(store, shard, file, block, error)
+      call open_own(store, shard%path, header, &
+                    [shard%case_number, shard%first_sample, shard%n_samples], 'samples', advice, &
+                    file, error)
       if (allocated(error)) return
+      block%case_number = shard%case_number
+      block%first_sample = shard%first_sample
+      block%n_samples = shard%n_samples
       call read_block(file, '/', block, 0, 0, block%n_samples, .false., error)
       call file%abandon()
       if (allocated(error)) error%message = error%message//advice
    end subroutine read_shard
-
-   !> Opens a shard and compares its header with its name and store.
-   subroutine open_shard(store, shard, file, block, error)
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shard
-      type(hdf5_file), intent(out) :: file
-      type(block_result), intent(out) :: block
-      type(error_type), allocatable, intent(out) :: error
-      type(group_type) :: root
-
-      call open_own(store, shard%path, advice, file, error)
-      if (allocated(error)) return
-      root = group_of(file, '/')
-      call root%read('case', block%case_number)
-      call root%read('first_sample', block%first_sample)
-      call root%read('n_samples', block%n_samples)
-      call root%take_error(error)
-      if (.not. allocated(error)) then
-         if (any([block%case_number, block%first_sample, block%n_samples] /= &
-                 [shard%case_number, shard%first_sample, shard%n_samples])) then
-            call raise(error, exit_file, shard%path// &
-                       ' does not hold the samples that its name tells')
-         end if
-      end if
-      if (.not. allocated(error)) return
-      error%message = error%message//advice
-      call file%abandon()
-   end subroutine open_shard
 
    !> Removes the shards whose samples a results file has, as after a run killed at its very end;
    !> shards of further samples stay, and processes with them. Else nothing is left of the store. A

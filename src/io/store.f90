@@ -1,10 +1,11 @@
 !> The folder of one output, `<output>.shards/`: what is finished on the way to its results file, in
 !> files that are written once, each whole or not at all.
 module io_store
-   use core_error, only: error_type
+   use core_error, only: error_type, exit_file, raise
    use io_files, only: exists, list_files, list_unfinished, make_folder, remove_file, rename_file, &
                        sync_file, unfinished_name
-   use io_hdf5, only: create_hdf5, hdf5_file, open_hdf5
+   use io_hdf5, only: create_hdf5, hdf5_file, open_hdf5, read_attribute, &
+                      write_attribute
    use io_identity, only: identity_type, require_same, write_identity
    implicit none(type, external)
    private
@@ -32,16 +33,24 @@ contains
       store%identity = identity
    end function new_store
 
-   !> Creates a file of the store; finish_file gives it its name.
-   subroutine start_file(store, name, file, error)
+   !> Creates a file of the store with whole numbers in its header; finish_file gives it its name.
+   subroutine start_file(store, name, names, numbers, file, error)
       type(shard_store), intent(in) :: store
       character(*), intent(in) :: name   !! without the folder
+      character(*), intent(in) :: names(:)
+      integer, intent(in) :: numbers(:)
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
+      integer :: i
 
       call make_folder(store%folder, error)
-      if (.not. allocated(error)) &
-         call begin_file(store%folder//'/'//name, store%identity, file, error)
+      if (allocated(error)) return
+      call begin_file(store%folder//'/'//name, store%identity, file, error)
+      do i = 1, size(names)
+         if (allocated(error)) return
+         call write_attribute(file, '/', trim(names(i)), numbers(i), error)
+         if (allocated(error)) call discard_file(file)
+      end do
    end subroutine start_file
 
    !> Creates a file with an identity under a temporary name; none is left after an error.
@@ -65,13 +74,18 @@ contains
       call remove_file(file%path, ignored)
    end subroutine discard_file
 
-   !> Opens a finished file that must be of the store's scene and program.
-   subroutine open_own(store, path, advice, file, error)
+   !> Opens a finished file that must be of the store's scene and program, and hold what its name
+   !> tells, by whole numbers in its header.
+   subroutine open_own(store, path, names, numbers, what, advice, file, error)
       type(shard_store), intent(in) :: store
-      character(*), intent(in) :: path     !! with the folder
-      character(*), intent(in) :: advice   !! behind an error
+      character(*), intent(in) :: path       !! with the folder
+      character(*), intent(in) :: names(:)
+      integer, intent(in) :: numbers(:)
+      character(*), intent(in) :: what       !! its name tells: 'samples'
+      character(*), intent(in) :: advice     !! behind an error
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
+      integer :: found, i
 
       call open_hdf5(path, file, error)
       if (allocated(error)) then
@@ -79,6 +93,16 @@ contains
          return
       end if
       call require_same(file, store%identity, error, advice)
+      do i = 1, size(names)
+         if (allocated(error)) exit
+         call read_attribute(file, '/', trim(names(i)), found, error)
+         if (allocated(error)) then
+            error%message = error%message//advice
+         else if (found /= numbers(i)) then
+            call raise(error, exit_file, path//' does not hold the '//what// &
+                       ' that its name tells'//advice)
+         end if
+      end do
       if (allocated(error)) call file%abandon()
    end subroutine open_own
 
