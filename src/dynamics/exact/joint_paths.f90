@@ -74,7 +74,8 @@ contains
       integer, intent(in) :: row(:)       !! (joint) of its path
       real(wp), intent(in) :: spring(:)   !! (joint)
       real(wp), pointer, contiguous :: planes(:, :, :)
-      integer :: j, rows, used
+      integer, allocatable :: joints(:)
+      integer :: j, r, rows
 
       self%degree = degree
       self%n_rows = size(base)
@@ -85,24 +86,16 @@ contains
       self%is_local = spread(.false., 1, self%n_joints)
       self%moved = [integer ::]
       self%own = spread(spread(0.0_wp, 1, 4), 2, self%n_rows)
-      allocate (self%first(self%n_rows + 1))
-      allocate (self%joint(self%n_rows + self%n_joints))
-      allocate (self%joint_row, mold=self%joint)
-      used = 0
-      do rows = 1, self%n_rows
-         self%first(rows) = used + 1
-         do j = 1, self%n_joints
-            if (row(j) /= rows) cycle
-            used = used + 1
-            self%joint(used) = j
-         end do
-         if (used < self%first(rows)) then
-            used = used + 1
-            self%joint(used) = self%n_joints + 1
-         end if
-         self%joint_row(self%first(rows):used) = rows
+      self%first = [1]
+      self%joint = [integer ::]
+      self%joint_row = [integer ::]
+      do r = 1, self%n_rows
+         joints = pack([(j, j=1, self%n_joints)], row == r)
+         if (size(joints) == 0) joints = [self%n_joints + 1]
+         self%joint = [self%joint, joints]
+         self%joint_row = [self%joint_row, spread(r, 1, size(joints))]
+         self%first = [self%first, size(self%joint) + 1]
       end do
-      self%first(self%n_rows + 1) = used + 1
       allocate (self%layer(0:degree))
       self%layer = [(j, j=0, degree)]
       self%finish = [degree + 1, degree + 2]
@@ -199,17 +192,23 @@ contains
    end subroutine hand_back
 
    !> Changes the regime of a joint: it slips towards `direction`, or sticks after such a slip.
+   !> Without branches, as slips start as often as they end.
    pure subroutine switch(self, lane, joint, direction, place)
       class(joint_paths), intent(inout) :: self
       integer, intent(in) :: lane, joint
       integer, intent(in) :: direction   !! +1 or -1
       real(wp), intent(in) :: place      !! w.x at the transition [m]
-      integer :: row
+      real(wp) :: side   ! from now on
 
-      row = self%row(joint)
-      call change_regime(self%n_joints + 1, lane + width*(joint - 1), self%base(row), place, &
-                         direction, self%regime, self%stiffness(lane, row), self%pull(lane, row))
-      if (self%first(row + 1) - self%first(row) > 1) call self%set_row(lane, row)
+      associate (regime => self%regime(lane, joint, :))
+         side = direction*(1.0_wp - abs(regime(layer_side)))
+         regime(layer_slider) = merge(regime(layer_slider), &
+                                      slider_at(place, direction, regime(layer_reach)), &
+                                      abs(side) > 0.0_wp)
+         regime(layer_side) = side
+         call watch(side, regime(layer_reach), regime(layer_hold), regime(layer_lift))
+      end associate
+      call self%set_row(lane, self%row(joint))
    end subroutine switch
 
    !> True if the transition of a joint may move another, that switches so many parts later, too
@@ -225,28 +224,6 @@ contains
       end associate
    end function moves
 
-   !> Changes the regime of a joint that is alone on its row. Without branches, as slips start as
-   !> often as they end.
-   pure subroutine change_regime(joints, at, base, place, direction, regime, stiffness, &
-                                 pull)
-      integer, intent(in) :: joints, at, direction
-      real(wp), intent(in) :: base, place
-      real(wp), intent(inout) :: regime(width*joints, 6)   !! (at, layer) is of the joint
-      real(wp), intent(inout) :: stiffness, pull
-      real(wp) :: moving, reach, side, slider, spring   ! moving: where it slips from now on
-
-      side = direction*(1.0_wp - abs(regime(at, layer_side)))
-      moving = abs(side)
-      reach = regime(at, layer_reach)
-      spring = regime(at, layer_spring)
-      slider = merge(regime(at, layer_slider), slider_at(place, direction, reach), moving > 0.0_wp)
-      regime(at, layer_slider) = slider
-      regime(at, layer_side) = side
-      call watch(side, reach, regime(at, layer_hold), regime(at, layer_lift))
-      stiffness = base + merge(0.0_wp, spring, moving > 0.0_wp)
-      pull = spring*merge(-side*reach, slider, moving > 0.0_wp)
-   end subroutine change_regime
-
    !> Sets what the two guards start from, so that the one that does not count is never the least.
    elemental subroutine watch(side, reach, hold, lift)
       real(wp), intent(in) :: side   !! 0: stuck
@@ -261,19 +238,17 @@ contains
    pure subroutine set_row(self, lane, row)
       class(joint_paths), intent(inout) :: self
       integer, intent(in) :: lane, row
-      real(wp) :: pull, stiffness
+      real(wp) :: moving, pull, stiffness
       integer :: e
 
       stiffness = self%base(row)
       pull = 0.0_wp
       do e = self%first(row), self%first(row + 1) - 1
          associate (regime => self%regime(lane, self%joint(e), :))
-            if (abs(regime(layer_side)) > 0.0_wp) then
-               pull = pull - regime(layer_spring)*regime(layer_side)*regime(layer_reach)
-            else
-               stiffness = stiffness + regime(layer_spring)
-               pull = pull + regime(layer_spring)*regime(layer_slider)
-            end if
+            moving = abs(regime(layer_side))
+            stiffness = stiffness + merge(0.0_wp, regime(layer_spring), moving > 0.0_wp)
+            pull = pull + regime(layer_spring)*merge(-regime(layer_side)*regime(layer_reach), &
+                                                     regime(layer_slider), moving > 0.0_wp)
          end associate
       end do
       self%stiffness(lane, row) = stiffness

@@ -106,7 +106,8 @@ contains
       n_records = 0
       next_tick = -1
       ticks_apart = shiftl(int(every, long), block%max_halvings)
-      if (size(displacement) > 0) &   ! steps are counted from the start of the march, ticks from now
+      ! steps are counted from the start of the march, ticks from now
+      if (size(displacement) > 0) &
          next_tick = ticks_apart - shiftl(modulo(state%step, int(every, long)), block%max_halvings)
       do step = 0, n_steps - 1, steps_apart
          call march_to(min(step + steps_apart, n_steps))
