@@ -12,7 +12,6 @@ module numerics_sparse
       integer, allocatable :: column(:)    !! (entry)
       real(wp), allocatable :: value(:)    !! (entry)
    contains
-      procedure :: add_row
       procedure :: multiply
       procedure :: row_times
       procedure :: row_of_entries
@@ -79,19 +78,6 @@ contains
          total = total + self%value(k)*vector(self%column(k))
       end do
    end function row_times
-
-   !> Adds a multiple of one row to a vector.
-   pure subroutine add_row(self, row, factor, vector)
-      class(sparse_matrix), intent(in) :: self
-      integer, intent(in) :: row
-      real(wp), intent(in) :: factor
-      real(wp), intent(inout) :: vector(:)   !! (column)
-      integer :: k
-
-      do k = self%start(row), self%start(row + 1) - 1
-         vector(self%column(k)) = vector(self%column(k)) + self%value(k)*factor
-      end do
-   end subroutine add_row
 
    !> The row of each entry.
    pure function row_of_entries(self) result(row)

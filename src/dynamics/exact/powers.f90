@@ -10,8 +10,8 @@ module dynamics_exact_powers
    public :: power_operator, next_power, power_operators
 
    !> Coefficients of power k + 2 by powers k and k + 1 and by the forces, entries of K^, C^ and of
-   !> the load in one list. Places are those of joint_paths: those of powers 0 and 1 change from part
-   !> to part, see exchange_ends there.
+   !> the load in one list. Places are those of joint_paths: those of powers 0 and 1 change from
+   !> part to part, see exchange_ends there.
    type :: power_operator
       integer :: n_rows = 0
       integer :: from(0:1) = 0                  !! place before the first row of power k
