@@ -1,7 +1,7 @@
 !> Alignment and padding of arrays, so that the processor loads a whole register at once.
 module dynamics_alignment
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    implicit none(type, external)
    private
    public :: aligned_memory, register_width, whole_registers
@@ -11,7 +11,7 @@ module dynamics_alignment
    !> Memory that begins with a cache line, handed out plane by plane; it goes with its owner.
    type :: aligned_memory
       real(wp), allocatable, private :: memory(:)
-      integer, private :: next = 1   !! that is not handed out
+      integer(long), private :: next = 1   !! that is not handed out
    contains
       procedure :: start
       procedure :: take
@@ -23,7 +23,7 @@ contains
    !> Gets memory of zeros; what was handed out before is void.
    subroutine start(self, n)
       class(aligned_memory), intent(inout), target :: self
-      integer, intent(in) :: n   !! reals
+      integer(long), intent(in) :: n   !! reals
       integer(c_intptr_t), parameter :: line = 64
 
       call self%free()
@@ -37,10 +37,10 @@ contains
       integer, intent(in) :: extents(3)
       real(wp), pointer, contiguous, intent(out) :: planes(:, :, :)
 
-      if (self%next + product(extents) - 1 > size(self%memory)) &
+      if (self%next + product(int(extents, long)) - 1 > size(self%memory, kind=long)) &
          error stop 'dynamics_alignment: take'
       call c_f_pointer(c_loc(self%memory(self%next)), planes, extents)
-      self%next = self%next + size(planes)
+      self%next = self%next + size(planes, kind=long)
    end subroutine take
 
    subroutine free(self)

@@ -1,7 +1,7 @@
 !> Paths of the joints of 32 samples over one part of a step, side by side, and the regimes of these
 !> joints: what every base system of the exact march fills, and what transitions are found from.
 module dynamics_exact_joint_paths
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use dynamics_joint, only: slider_at
    use dynamics_alignment, only: aligned_memory
    use dynamics_response, only: block_state
@@ -103,7 +103,8 @@ contains
 
       rows = self%n_rows + merge(1, 0, modulo(self%n_rows, 2) == 0)   ! layers not 4096 bytes apart
       self%top = rows
-      call self%memory%start(width*(rows*(degree + 7) + 2*n_forces + 7*(self%n_joints + 1)))
+      call self%memory%start(int(width, long)*(rows*(degree + 7) + 2*n_forces &
+                                               + 7*(self%n_joints + 1)))
       call self%memory%take([width, rows*(degree + 5) + 2*n_forces, 1], planes)
       self%places => planes(:, :, 1)
       self%x(1:width, 1:rows, 0:degree + 4) => self%places(:, :rows*(degree + 5))

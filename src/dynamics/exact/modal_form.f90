@@ -7,7 +7,7 @@
 !> paths of its joints alone (dynamics_exact_modal_lane).
 module dynamics_exact_modal_form
    use core_error, only: error_type
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use dynamics_exact_base_system, only: base_system, raise_too_many, switch_joint
    use dynamics_exact_free_steps, only: finish_part
    use dynamics_exact_guard_zeros, only: no_crossing
@@ -97,7 +97,7 @@ contains
                                        kernel_fit(for%n_moments))
          end associate
       end if
-      call self%memory%start(lanes*(n_planes*n + 4*m))
+      call self%memory%start(int(lanes, long)*(n_planes*n + 4*m))
       call take_planes(n, planes, self%now)
       call self%memory%take([lanes, n, groups], self%pushed)
       call self%memory%take([lanes, n, 2], self%middle)

@@ -2,7 +2,7 @@
 !> its integrals, in groups of eight samples. Products leave out the sliders that stand in all eight
 !> samples: those add nothing, so no bit depends on it.
 module dynamics_exact_modal_sliders
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use dynamics_alignment, only: aligned_memory
    use dynamics_exact_joint_paths, only: width
    use dynamics_exact_transitions, only: fall
@@ -39,7 +39,7 @@ contains
       integer, intent(in) :: n_joints, n_padded, n_moments
       real(wp), pointer, contiguous :: planes(:, :, :)
 
-      call self%memory%start(width*n_padded*(2 + most_power + n_moments))
+      call self%memory%start(int(width, long)*n_padded*(2 + most_power + n_moments))
       call self%memory%take([lanes, n_padded, groups], self%moves)
       call self%memory%take([lanes, n_padded, most_power*groups], planes)
       self%motion(1:lanes, 1:n_padded, 1:most_power, 1:groups) => planes

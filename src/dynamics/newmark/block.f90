@@ -98,7 +98,7 @@ contains
       allocate (block%tries(samples))
       allocate (block%work(2, samples), block%change(samples, block%n_forces), &
                 block%factor(m, 0:m), block%margin(rows, 0:1), source=0.0_wp)
-      call block%memory%start(10*rows*samples)
+      call block%memory%start(10_long*rows*samples)
       call block%memory%take([rows, 3, 2*samples], planes)
       block%motion(1:rows, 1:3, 0:1, 1:samples) => planes
       call block%memory%take([rows, 4, samples], block%bounds)

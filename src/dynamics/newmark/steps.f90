@@ -78,7 +78,7 @@ contains
       if (frame%is_short) steps%n_patterns = 2**frame%structure%n_joints
       entries = steps%n_patterns*(max_halvings + 1)
       associate (columns => 2*steps%columns + frame%structure%n_forces)
-         call steps%memory%start(frame%n_padded*columns*entries)
+         call steps%memory%start(int(frame%n_padded, long)*columns*entries)
          call steps%memory%take([frame%n_padded, columns, entries], planes)
          steps%map(1:, 1:, 0:) => planes
       end associate
