@@ -193,23 +193,17 @@ contains
    end subroutine hand_back
 
    !> Changes the regime of a joint: it slips towards `direction`, or sticks after such a slip.
-   !> Without branches, as slips start as often as they end.
    pure subroutine switch(self, lane, joint, direction, place)
       class(joint_paths), intent(inout) :: self
       integer, intent(in) :: lane, joint
       integer, intent(in) :: direction   !! +1 or -1
       real(wp), intent(in) :: place      !! w.x at the transition [m]
-      real(wp) :: side   ! from now on
+      integer :: row
 
-      associate (regime => self%regime(lane, joint, :))
-         side = direction*(1.0_wp - abs(regime(layer_side)))
-         regime(layer_slider) = merge(regime(layer_slider), &
-                                      slider_at(place, direction, regime(layer_reach)), &
-                                      abs(side) > 0.0_wp)
-         regime(layer_side) = side
-         call watch(side, regime(layer_reach), regime(layer_hold), regime(layer_lift))
-      end associate
-      call self%set_row(lane, self%row(joint))
+      row = self%row(joint)
+      call change_regime(self%n_joints + 1, lane + width*(joint - 1), self%base(row), place, &
+                         direction, self%regime, self%stiffness(lane, row), self%pull(lane, row))
+      if (self%first(row + 1) - self%first(row) > 1) call self%set_row(lane, row)
    end subroutine switch
 
    !> True if the transition of a joint may move another, that switches so many parts later, too
@@ -225,6 +219,28 @@ contains
       end associate
    end function moves
 
+   !> Changes the regime of a joint that is alone on its row. Without branches, as slips start as
+   !> often as they end.
+   pure subroutine change_regime(joints, at, base, place, direction, regime, stiffness, &
+                                 pull)
+      integer, intent(in) :: joints, at, direction
+      real(wp), intent(in) :: base, place
+      real(wp), intent(inout) :: regime(width*joints, 6)   !! (at, layer) is of the joint
+      real(wp), intent(inout) :: stiffness, pull
+      real(wp) :: moving, reach, side, slider, spring   ! moving: where it slips from now on
+
+      side = direction*(1.0_wp - abs(regime(at, layer_side)))
+      moving = abs(side)
+      reach = regime(at, layer_reach)
+      spring = regime(at, layer_spring)
+      slider = merge(regime(at, layer_slider), slider_at(place, direction, reach), moving > 0.0_wp)
+      regime(at, layer_slider) = slider
+      regime(at, layer_side) = side
+      call watch(side, reach, regime(at, layer_hold), regime(at, layer_lift))
+      stiffness = base + merge(0.0_wp, spring, moving > 0.0_wp)
+      pull = spring*merge(-side*reach, slider, moving > 0.0_wp)
+   end subroutine change_regime
+
    !> Sets what the two guards start from, so that the one that does not count is never the least.
    elemental subroutine watch(side, reach, hold, lift)
       real(wp), intent(in) :: side   !! 0: stuck
@@ -239,17 +255,19 @@ contains
    pure subroutine set_row(self, lane, row)
       class(joint_paths), intent(inout) :: self
       integer, intent(in) :: lane, row
-      real(wp) :: moving, pull, stiffness
+      real(wp) :: pull, stiffness
       integer :: e
 
       stiffness = self%base(row)
       pull = 0.0_wp
       do e = self%first(row), self%first(row + 1) - 1
          associate (regime => self%regime(lane, self%joint(e), :))
-            moving = abs(regime(layer_side))
-            stiffness = stiffness + merge(0.0_wp, regime(layer_spring), moving > 0.0_wp)
-            pull = pull + regime(layer_spring)*merge(-regime(layer_side)*regime(layer_reach), &
-                                                     regime(layer_slider), moving > 0.0_wp)
+            if (abs(regime(layer_side)) > 0.0_wp) then
+               pull = pull - regime(layer_spring)*regime(layer_side)*regime(layer_reach)
+            else
+               stiffness = stiffness + regime(layer_spring)
+               pull = pull + regime(layer_spring)*regime(layer_slider)
+            end if
          end associate
       end do
       self%stiffness(lane, row) = stiffness
