@@ -17,9 +17,13 @@ contains
    pure function unit_request(request) result(unit)
       type(process_request), intent(in) :: request
       type(process_request) :: unit
+      logical :: is_scalable   ! the request can be met, as far as mean and std tell
 
       unit = request
-      if (.not. is_scalable(request)) return
+      is_scalable = request%std > 0.0_wp .and. request%std <= huge(1.0_wp) .and. &
+                    abs(request%mean) <= huge(1.0_wp)
+      if (request%positive) is_scalable = is_scalable .and. request%mean > 0.0_wp
+      if (.not. is_scalable) return
       unit%mean = merge(1.0_wp, 0.0_wp, request%positive)
       unit%std = request%std/unit_of(request)
    end function unit_request
@@ -109,16 +113,6 @@ contains
       if (allocated(model%solutions_entropy)) &
          model%solutions_entropy(:) = model%solutions_entropy + gain
    end subroutine carry_over
-
-   !> True if the request can be met at all, as far as mean and std tell.
-   pure function is_scalable(request) result(is_so)
-      type(process_request), intent(in) :: request
-      logical :: is_so
-
-      is_so = request%std > 0.0_wp .and. request%std <= huge(1.0_wp) .and. &
-              abs(request%mean) <= huge(1.0_wp)
-      if (request%positive) is_so = is_so .and. request%mean > 0.0_wp
-   end function is_scalable
 
    !> One unit of the unit process [unit of X].
    pure function unit_of(request) result(unit)

@@ -116,6 +116,8 @@ contains
       character(*), intent(in) :: how
       logical, intent(in) :: is_certain   !! no sequence has more entropy
       type(process_model_type), intent(inout) :: model
+      type(sequence_solution) :: solution
+      integer :: i
 
       if (size(search%solutions) == 0) then
          model%reason = reason_of_failure(request, is_certain)
@@ -127,7 +129,14 @@ contains
       model%n_examined = int(search%n_examined)
       model%n_consistent = int(search%n_consistent)
       model%entropy_ceiling = model%entropy
-      call list_solutions(request, search%solutions, model)
+      allocate (model%solutions_signs(request%order, size(search%solutions)))
+      do i = 1, size(search%solutions)
+         solution = mirrored(search%solutions(i))
+         model%solutions_signs(:, i) = integer_signs(solution%s)
+      end do
+      model%solutions_delta = search%solutions%delta
+      model%solutions_lambda_3 = search%solutions%lambda_3/request%std**2
+      model%solutions_entropy = search%solutions%entropy + log(request%std)
    end subroutine describe_winner
 
    !> Searches all sequences where they are few; else likely ones, and all after them where one has
@@ -298,23 +307,6 @@ contains
 
       signs = merge(nint(sign(1.0_wp, s)), 0, abs(s) > 1.0_wp - 1.0e-9_wp)
    end function integer_signs
-
-   pure subroutine list_solutions(request, found, model)
-      type(process_request), intent(in) :: request
-      type(sequence_solution), intent(in) :: found(:)
-      type(process_model_type), intent(inout) :: model
-      type(sequence_solution) :: solution
-      integer :: i
-
-      allocate (model%solutions_signs(request%order, size(found)))
-      do i = 1, size(found)
-         solution = mirrored(found(i))
-         model%solutions_signs(:, i) = integer_signs(solution%s)
-      end do
-      model%solutions_delta = found%delta
-      model%solutions_lambda_3 = found%lambda_3/request%std**2
-      model%solutions_entropy = found%entropy + log(request%std)
-   end subroutine list_solutions
 
    !> Solves Eq. (35), the paper's own way to K(m): the inverse of a finite matrix G, of
    !> 2 half_width + 1 points. It errs like |largest pole|^(2 half_width), and costs half_width^3,

@@ -23,6 +23,7 @@ contains
    subroutine find_complaint(request, complaint)
       type(process_request), intent(in) :: request
       character(:), allocatable, intent(out) :: complaint
+      integer(long) :: most, n
 
       if (request%correlation /= 'L0' .and. request%correlation /= 'L1') then
          complaint = "correlation = '"//trim(request%correlation)//"': must be 'L0' or 'L1'"
@@ -36,24 +37,16 @@ contains
       else if (.not. (request%std > 0.0_wp .and. request%std <= huge(1.0_wp))) then
          complaint = 'std = '//to_text(request%std)//': must be finite and positive'
       else if (request%all_signs) then
-         call find_too_many_sequences(request, complaint)
+         n = count_sequences(constraint_of(request))
+         most = 2_long**30   ! half a day of one core
+         if (request%positive) then   ! each sampled, and its mirror image another process
+            n = 2*n
+            most = 2_long**11
+         end if
+         if (n > most) complaint = named(request)//': all_signs = .true. would solve '// &
+            to_text(n)//' sequences of signs: must be at most '//to_text(most)
       end if
    end subroutine find_complaint
-
-   subroutine find_too_many_sequences(request, complaint)
-      type(process_request), intent(in) :: request
-      character(:), allocatable, intent(inout) :: complaint
-      integer(long) :: most, n
-
-      n = count_sequences(constraint_of(request))
-      most = 2_long**30   ! half a day of one core
-      if (request%positive) then   ! each sampled, and its mirror image another process
-         n = 2*n
-         most = 2_long**11
-      end if
-      if (n > most) complaint = named(request)//': all_signs = .true. would solve '// &
-         to_text(n)//' sequences of signs: must be at most '//to_text(most)
-   end subroutine find_too_many_sequences
 
    !> Reason why there is no solution, with an m_max that has one.
    function reason_of_failure(request, is_certain) result(reason)

@@ -60,11 +60,9 @@ contains
       law%steepness = steepness
       law%field = field
       if (r > 0.0_wp) then
-         call place_nodes(law, law%nodes, weights)
-         call describe_nodes(law, part, vector)
+         call lay_nodes(law, weights, part, vector)
       else
-         call place_alternating_nodes(law, law%nodes, weights)
-         call describe_alternating_nodes(law, part, vector)
+         call lay_alternating_nodes(law, weights, part, vector)
       end if
       log_scale = maxval(part)
       part = part - log_scale
@@ -97,24 +95,6 @@ contains
       end if
    end subroutine new_first_order_law
 
-   !> Places Gauss nodes for r > 0 where the mass is, dense enough for the kernel's width; what is
-   !> left out is below 1e-15.
-   pure subroutine place_nodes(law, nodes, weights)
-      type(first_order_law), intent(in) :: law
-      real(wp), allocatable, intent(out) :: nodes(:), weights(:)
-      integer, parameter :: fewest = 48
-      real(wp), parameter :: density = 1.8_wp   ! of nodes, over the width of the kernel
-      real(wp) :: high, low, reach
-      integer :: n
-
-      reach = reach_of(law)
-      low = max(positive_mu(law) - reach, 0.0_wp)
-      high = positive_mu(law) + reach
-      n = fewest + ceiling(density*(high - low)*sqrt(law%r))
-      allocate (nodes(n), weights(n))
-      call gauss_legendre(low, high, nodes, weights)
-   end subroutine place_nodes
-
    !> Distance that the mass reaches beyond mu, or beyond 0 where mu < 0.
    pure function reach_of(law) result(reach)
       type(first_order_law), intent(in) :: law
@@ -134,16 +114,28 @@ contains
       end if
    end function reach_of
 
-   !> Computes for r > 0 the ln of each node's factor in the kernel, beside exp(-r (x - y)^2/2), for
-   !> mu < 0 without exp(-(mu slack)^2/2); and, for the sequential law, the ln of the root of its
-   !> stationary density.
-   pure subroutine describe_nodes(law, part, vector)
-      type(first_order_law), intent(in) :: law
-      real(wp), allocatable, intent(out) :: part(:), vector(:)   !! (node)
-      real(wp) :: acceptance(size(law%nodes)), field, mu
+   !> Places Gauss nodes for r > 0 where the mass is, dense enough for the kernel's width; what is
+   !> left out is below 1e-15. Computes the ln of each node's factor in the kernel, beside
+   !> exp(-r (x - y)^2/2), for mu < 0 without exp(-(mu slack)^2/2); and, for the sequential law, the
+   !> ln of the root of its stationary density.
+   pure subroutine lay_nodes(law, weights, part, vector)
+      type(first_order_law), intent(inout) :: law
+      real(wp), allocatable, intent(out) :: weights(:), part(:), vector(:)   !! (node)
+      integer, parameter :: fewest = 48
+      real(wp), parameter :: density = 1.8_wp   ! of nodes, over the width of the kernel
+      real(wp), allocatable :: acceptance(:)
+      real(wp) :: field, high, low, mu, reach
+      integer :: n
 
+      mu = 0.0_wp   ! where it is negative the kernel is not centred on it
+      if (law%field > 0.0_wp) mu = law%field/law%slack**merge(1, 2, law%is_sequential)
+      reach = reach_of(law)
+      low = max(mu - reach, 0.0_wp)
+      high = mu + reach
+      n = fewest + ceiling(density*(high - low)*sqrt(law%r))
+      allocate (law%nodes(n), weights(n))
+      call gauss_legendre(low, high, law%nodes, weights)
       field = min(law%field, 0.0_wp)
-      mu = positive_mu(law)
       associate (x => law%nodes)
          part = -0.25_wp*(law%slack*(x - mu))**2 &
                 + 0.5_wp*field*merge(law%slack, 1.0_wp, law%is_sequential)*x
@@ -152,25 +144,18 @@ contains
          part = part - acceptance
          vector = (1.0_wp + law%r)*(0.5_wp*field*x - 0.25_wp*law%slack*(x - mu)**2) + acceptance
       end associate
-   end subroutine describe_nodes
+   end subroutine lay_nodes
 
-   !> mu where it is positive, else 0: what the kernel of r > 0 is centred on.
-   elemental function positive_mu(law) result(mu)
-      type(first_order_law), intent(in) :: law
-      real(wp) :: mu
-
-      mu = 0.0_wp
-      if (law%field > 0.0_wp) mu = law%field/law%slack**merge(1, 2, law%is_sequential)
-   end function positive_mu
-
-   !> Places nodes for r < 0, denser near 0, where every other value is.
-   pure subroutine place_alternating_nodes(law, nodes, weights)
-      type(first_order_law), intent(in) :: law
-      real(wp), allocatable, intent(out) :: nodes(:), weights(:)
+   !> Does for r < 0 what `lay_nodes` does, beside exp(r x y), with nodes that are denser near 0,
+   !> where every other value is. phi(c)/Phi(c), c the conditional mean, stands for the acceptance;
+   !> for steepness 0 its limit but for a constant.
+   pure subroutine lay_alternating_nodes(law, weights, part, vector)
+      type(first_order_law), intent(inout) :: law
+      real(wp), allocatable, intent(out) :: weights(:), part(:), vector(:)   !! (node)
       integer, parameter :: n_nodes = 128
       real(wp), parameter :: nodes_per_unit = 4.0_wp
       real(wp), parameter :: far = 45.0_wp     ! -ln of what is left out
-      real(wp), allocatable :: t(:)
+      real(wp), allocatable :: c(:), hazard(:), t(:)
       real(wp) :: reach
       integer :: n
 
@@ -181,17 +166,8 @@ contains
       n = n_nodes + ceiling(nodes_per_unit*min(reach, 100.0_wp))
       allocate (t(n), weights(n))
       call gauss_legendre(0.0_wp, 1.0_wp, t, weights)
-      nodes = reach*t**3
+      law%nodes = reach*t**3
       weights = 3.0_wp*reach*t**2*weights
-   end subroutine place_alternating_nodes
-
-   !> Computes for r < 0 what `describe_nodes` does, beside exp(r x y). phi(c)/Phi(c), c the
-   !> conditional mean, stands for the acceptance; for steepness 0 its limit but for a constant.
-   pure subroutine describe_alternating_nodes(law, part, vector)
-      type(first_order_law), intent(in) :: law
-      real(wp), allocatable, intent(out) :: part(:), vector(:)
-      real(wp), dimension(size(law%nodes)) :: c, hazard
-
       part = 0.5_wp*law%field*law%nodes - 0.25_wp*law%steepness*law%nodes**2
       if (.not. law%is_sequential) return
       c = law%field + law%r*law%nodes
@@ -204,7 +180,7 @@ contains
       end if
       vector = part - hazard
       part = part + hazard
-   end subroutine describe_alternating_nodes
+   end subroutine lay_alternating_nodes
 
    !> Modulus of the second eigenvalue.
    pure function decay_of(law, perron) result(decay)
@@ -300,7 +276,9 @@ contains
       real(wp), intent(in) :: log_perron
       real(wp) :: psi   ! ln Z per point
 
-      psi = log_perron + 0.5_wp*positive_mu(law)*law%field*merge(1, 0, law%r > 0.0_wp)
+      psi = log_perron
+      if (law%r > 0.0_wp .and. law%field > 0.0_wp) &   ! what the centre mu leaves out, 0.5 mu f
+         psi = psi + 0.5_wp*(law%field/law%slack)**2
       law%entropy = psi + 0.5_wp - 0.5_wp*law%field*law%mean
       law%log_lambda = log_perron - log_sqrt_two_pi
       if (law%field < 0.0_wp .and. law%slack > 0.0_wp) &

@@ -44,8 +44,6 @@ module process_positive_problem
       real(wp) :: decay = 0.0_wp                     !! alternating: |K(m + 1)/K(m)| at order 1
    end type sampled_problem
 
-   real(wp), parameter :: zero = 1.0e-9_wp   !! of K(m)/K(0)
-
 contains
 
    !> Poses the problem of a request under the law of a sampler's name. Fails for bad numbers and
@@ -131,11 +129,12 @@ contains
       type(process_request), intent(in) :: request
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(inout) :: error   !! of the wanted order
+      real(wp), parameter :: zero = 1.0e-9_wp   ! of K(m)/K(0)
       real(wp), allocatable :: kappa(:)
 
       if (allocated(error)) then
          if (error%exit_code /= exit_no_solution) return
-      else if (has_nonnegative(model)) then
+      else if (all(model%autocovariance >= -zero*model%autocovariance(0))) then
          return
       end if
       kappa = nonnegative_reflection(request%correlation_length, request%second_length, &
@@ -148,13 +147,6 @@ contains
                     ': no order up to this one has both lengths with K(m) >= 0')
       end if
    end subroutine take_lower_order
-
-   !> True if no K(m) of a described process is negative, to rounding.
-   pure logical function has_nonnegative(model)
-      type(process_model_type), intent(in) :: model
-
-      has_nonnegative = all(model%autocovariance >= -zero*model%autocovariance(0))
-   end function has_nonnegative
 
    !> Solves for the process without sign constraint; that of given signs in units of b0.
    subroutine solve_unconstrained(request, model, error, sequence)

@@ -52,6 +52,7 @@ contains
       type(sign_trial) :: trial
       type(error_type), allocatable :: failure
       character(:), allocatable :: reason
+      integer, allocatable :: ranking(:)   ! of the solutions, by descending entropy
       real(wp) :: best, effort
       integer :: i
       logical :: is_excluded, is_whole
@@ -93,7 +94,13 @@ contains
          return
       end if
       if (allocated(error)) deallocate (error)
-      call list_solutions(solutions(:model%n_consistent), model)
+      ranking = sort_order(-solutions(:model%n_consistent)%entropy)
+      ranking = ranking(:min(size(ranking), max_listed))
+      model%solutions_signs = reshape([(solutions(ranking(i))%signs, i=1, size(ranking))], &
+                                      [request%order, size(ranking)])
+      model%solutions_delta = solutions(ranking)%delta
+      model%solutions_lambda_3 = solutions(ranking)%lambda_3
+      model%solutions_entropy = solutions(ranking)%entropy
    end subroutine search_signs
 
    !> Lists the Gaussian solutions of all sequences of signs by descending entropy, each with its
@@ -169,21 +176,5 @@ contains
                                - dot_product(trial%law%found%multipliers, &
                                              state(:trial%law%n_constraints))
    end subroutine solve_signs
-
-   !> Lists the best solutions by descending entropy.
-   pure subroutine list_solutions(solutions, model)
-      type(signs_solution), intent(in) :: solutions(:)
-      type(process_model_type), intent(inout) :: model
-      integer, allocatable :: best(:)
-      integer :: i
-
-      best = sort_order(-solutions%entropy)
-      best = best(:min(size(best), max_listed))
-      model%solutions_signs = reshape([(solutions(best(i))%signs, i=1, size(best))], &
-                                      [model%request%order, size(best)])
-      model%solutions_delta = solutions(best)%delta
-      model%solutions_lambda_3 = solutions(best)%lambda_3
-      model%solutions_entropy = solutions(best)%entropy
-   end subroutine list_solutions
 
 end module process_positive_sign_search
