@@ -3,36 +3,19 @@ module numerics_root_search
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: root_search, new_root_search
+   public :: root_search
 
    !> Steps that double until the root is enclosed, then regula falsi that keeps its bracket.
    type :: root_search
-      private
-      real(wp) :: step = 1.0_wp
-      real(wp), public :: low = -huge(1.0_wp), high = huge(1.0_wp)   !! bounds of the root
-      real(wp) :: low_value = -huge(1.0_wp), high_value = huge(1.0_wp)
-      integer :: side = 0                                            !! side of the last value
+      real(wp) :: step = 1.0_wp                              !! the first one, while not enclosed
+      real(wp) :: low = -huge(1.0_wp), high = huge(1.0_wp)   !! bounds of the root
+      real(wp), private :: low_value = -huge(1.0_wp), high_value = huge(1.0_wp)
+      integer, private :: side = 0                           !! side of the last value
    contains
       procedure :: advance
-      procedure :: is_enclosed
    end type root_search
 
 contains
-
-   !> A search that begins without a bracket.
-   pure function new_root_search(first_step) result(search)
-      real(wp), intent(in) :: first_step
-      type(root_search) :: search
-
-      search%step = first_step
-   end function new_root_search
-
-   pure function is_enclosed(self) result(is_so)
-      class(root_search), intent(in) :: self
-      logical :: is_so
-
-      is_so = self%low > -huge(1.0_wp) .and. self%high < huge(1.0_wp)
-   end function is_enclosed
 
    !> Takes the value at x and moves x to the next point.
    pure subroutine advance(self, x, value)
@@ -51,7 +34,7 @@ contains
          self%low = x
          self%low_value = value
       end if
-      if (self%is_enclosed()) then
+      if (self%low > -huge(1.0_wp) .and. self%high < huge(1.0_wp)) then
          self%side = side
          x = (self%low*self%high_value - self%high*self%low_value) &
              /(self%high_value - self%low_value)

@@ -8,7 +8,7 @@ module process_positive_first_order
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use numerics_root_search, only: new_root_search, root_search
+   use numerics_root_search, only: root_search
    use process_correlation, only: correlation_length
    use process_entropy, only: gaussian_entropy
    use process_model, only: positive_name, process_model_type, process_request
@@ -102,7 +102,7 @@ contains
          if (mu < 0.0_wp) family%outer = -log(1.0_wp - mu/sigma)   ! see `stretched`
          inner = log(family%length)
       end if
-      search = new_root_search(merge(0.5_wp, 0.1_wp, is_alternating))
+      search%step = merge(0.5_wp, 0.1_wp, is_alternating)
       do step = 1, max_steps
          call match_length(family, inner, law, unmatched)
          if (allocated(unmatched) .and. .not. is_alternating) then
@@ -191,8 +191,7 @@ contains
       real(wp) :: excess, last, trial
       integer :: step
 
-      search = new_root_search(0.05_wp)
-      if (family%is_alternating) search = new_root_search(0.25_wp)
+      search%step = merge(0.25_wp, 0.05_wp, family%is_alternating)
       trial = inner
       do step = 1, max_steps
          last = trial
