@@ -148,8 +148,8 @@ contains
       axes = trim(what%axis%name)
       kind = trim(merge('integer', 'real   ', what%is_whole))
       if (what%rows%name == '') then
-         call self%group%put(trim(what%name), values(1, :), trim(what%units), trim(what%about), &
-                             axes, kind)
+         call self%group%put(trim(what%name), reshape(values, [size(values)]), trim(what%units), &
+                             trim(what%about), axes, kind)
       else
          call put_axis(self, what%rows, size(values, 1))
          call self%group%put(trim(what%name), values, trim(what%units), trim(what%about), &
