@@ -245,7 +245,7 @@ contains
       integer :: first
 
       if (self%ports == 1) then
-         factors = gain
+         allocate (factors, source=gain)   ! not by =, which would read bounds
       else
          first = merge(size(gain, 2), 0, from_rate)
          factors = matmul(gain, self%state(first + 1:first + size(gain, 2), :))
