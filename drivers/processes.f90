@@ -271,7 +271,7 @@ contains
       end do
    end subroutine tell_all
 
-   !> Hands on a number. All ranks visit one list: they know what comes, and what stands for none.
+   !> Hands a component on. All ranks visit one list: they know what comes.
    subroutine share_table(self, what, values)
       class(sharing_visitor), intent(inout) :: self
       type(component), intent(in) :: what

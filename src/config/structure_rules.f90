@@ -143,7 +143,6 @@ contains
          end do
          if (scene%moves() .and. .not. allocated(scene%values)) call read_values(i, scene, reader)
       end do
-
    end subroutine check_values
 
    !> Reads the friction samples of process%values, one line a sample and one value a point. Sets

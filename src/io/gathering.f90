@@ -3,11 +3,10 @@
 module io_gathering
    use campaign_results, only: block_result
    use core_error, only: error_type, exit_file, raise
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use core_text, only: to_text
    use io_blocks, only: read_block
-   use io_group, only: group_of, group_type
-   use io_hdf5, only: hdf5_file, move_part, open_hdf5
+   use io_hdf5, only: hdf5_file, move_part, open_hdf5, read_dataset, read_extent
    use io_shards, only: shard_type
    use io_store, only: shard_store
    use numerics_sorting, only: sort_order
@@ -76,8 +75,9 @@ contains
       integer, intent(in) :: case_number, n_samples
       integer, intent(out) :: n_transitions
       type(error_type), allocatable, intent(out) :: error
+      character(*), parameter :: path = '/transition_sample'
       type(hdf5_file) :: file
-      type(group_type) :: group
+      integer(long), allocatable :: n_rows(:)
       real(wp), allocatable :: sample(:)
       integer, allocatable :: chosen(:)
       integer :: i
@@ -85,15 +85,21 @@ contains
       n_transitions = 0
       chosen = self%places(case_number, 1, n_samples)
       do i = 1, size(chosen)
-         call open_hdf5(self%shards(chosen(i))%path, file, error)
-         if (allocated(error)) return
-         group = group_of(file, '/')
-         if (allocated(sample)) deallocate (sample)
-         call group%get('transition_sample', sample)
-         call group%take_error(error)
+         associate (shard => self%shards(chosen(i)))
+            call open_hdf5(shard%path, file, error)
+            if (allocated(error)) return
+            call read_extent(file, path, 1, n_rows, error)
+            if (.not. allocated(error) .and. &
+                shard%first_sample + shard%n_samples - 1 > n_samples) then   ! it is cut
+               allocate (sample(n_rows(1)))
+               call read_dataset(file, path, sample, error)
+               n_rows = count(nint(sample) <= n_samples)
+               deallocate (sample)
+            end if
+         end associate
          call file%abandon()
          if (allocated(error)) return
-         n_transitions = n_transitions + count(nint(sample) <= n_samples)
+         n_transitions = n_transitions + int(n_rows(1))
       end do
    end subroutine count_transitions
 

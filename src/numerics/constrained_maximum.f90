@@ -5,10 +5,10 @@
 !> without derivatives.
 module numerics_constrained_maximum
    use core_kinds, only: wp
+   use numerics_lapack, only: unit_matrix
    implicit none(type, external)
    private
-   public :: objective_type, search_result, maximize, solve_along
-   public :: rest_of_gradient, step_to_maximum, unit_matrix
+   public :: objective_type, search_result, maximize, rest_of_gradient, solve_along, step_to_maximum
 
    !> Function to be maximized; extend it with the data of the problem.
    !>
@@ -265,18 +265,6 @@ contains
          if (is_regular) rest = change
       end do
    end function rest_of_gradient
-
-   !> The unit matrix of n rows.
-   pure function unit_matrix(n) result(matrix)
-      integer, intent(in) :: n
-      real(wp) :: matrix(n, n)
-      integer :: i
-
-      matrix = 0.0_wp
-      do i = 1, n
-         matrix(i, i) = 1.0_wp
-      end do
-   end function unit_matrix
 
    !> Updates the inverse Hessian by BFGS; a pair without positive curvature is skipped.
    pure subroutine update_metric(change, curvature, metric)

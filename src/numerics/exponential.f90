@@ -1,6 +1,7 @@
 !> Exponential of a matrix, and its moments.
 module numerics_exponential
    use core_kinds, only: wp
+   use numerics_lapack, only: unit_matrix
    implicit none(type, external)
    private
    public :: exponential_type, find_exponential
@@ -47,10 +48,7 @@ contains
       real(wp) :: power(size(a, 1), size(a, 1)), pushed(size(a, 1), size(b, 2))
       integer :: i, k
 
-      power = 0.0_wp
-      do i = 1, size(a, 1)
-         power(i, i) = 1.0_wp
-      end do
+      power = unit_matrix(size(a, 1))
       allocate (series%value, source=power)
       allocate (series%moment(size(a, 1), size(b, 2), 0:last_moment), source=0.0_wp)
       do i = 0, last_term

@@ -12,7 +12,7 @@ module numerics_lapack
    private
    public :: find_eigenvalues, find_eigenvectors, invert_matrix, lapack_version, multiply
    public :: find_symmetric_eigenvectors, solve_linear_system, solve_positive_definite, &
-      solve_symmetric_eigenproblem
+      solve_symmetric_eigenproblem, unit_matrix
 
    !> The call that sets the number of threads of each threaded BLAS; a reference BLAS has none.
    character(*), parameter :: thread_setters(*) = [character(28) :: &
@@ -279,6 +279,18 @@ contains
       if (info /= 0) call raise(error, exit_no_solution, 'positive definite system of order '// &
                                 to_text(n)//': LAPACK dposv returned '//to_text(info))
    end subroutine solve_positive_definite
+
+   !> The unit matrix of n rows.
+   pure function unit_matrix(n) result(matrix)
+      integer, intent(in) :: n
+      real(wp) :: matrix(n, n)
+      integer :: i
+
+      matrix = 0.0_wp
+      do i = 1, n
+         matrix(i, i) = 1.0_wp
+      end do
+   end function unit_matrix
 
    !> Finds A^-1, A general.
    subroutine invert_matrix(a, inverse, error)

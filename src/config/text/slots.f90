@@ -56,7 +56,6 @@ contains
          call document%refuse_assignment(document%assignments(last), rule//hint, complaints)
       end if
       if (complaints%n > n_before) slots = spread(0, 1, 0)
-
    end subroutine find_slots
 
    !> Lists the value tokens of an assignment with repeats written out; empty after a complaint.

@@ -8,6 +8,7 @@ module dynamics_exact_modal_ledger
    use dynamics_exact_modal_blocks, only: modal_blocks
    use dynamics_exact_modal_sliders, only: groups, lanes
    use dynamics_exact_transitions, only: fall
+   use numerics_lapack, only: unit_matrix
    implicit none(type, external)
    private
    public :: modal_ledger
@@ -106,8 +107,7 @@ contains
 
       n = 2 + blocks%ports*size(fit, 1)
       m = n*size(chosen)
-      allocate (a(m + 4, m + 4), q(m + 4, m + 4), term(m + 4, m + 4), w(m + 4, m + 4), &
-                moments(n, n), source=0.0_wp)
+      allocate (a(m + 4, m + 4), q(m + 4, m + 4), w(m + 4, m + 4), moments(n, n), source=0.0_wp)
       do b = 1, size(chosen)
          associate (first => n*(b - 1))
             a(first + 1:first + 2, first + 1:first + 2) = blocks%block(:, :, chosen(b))
@@ -136,10 +136,7 @@ contains
       end do
       n_doublings = max(0, exponent(4.0_wp*maxval(sum(abs(a), 2))))
       t = 0.5_wp**n_doublings
-      do i = 1, size(a, 1)
-         term(i, i) = 1.0_wp
-      end do
-      change = term
+      allocate (term, change, source=unit_matrix(m + 4))
       do k = 1, n_terms
          q = q*(t/k)
          w = w + q

@@ -4,7 +4,7 @@ module dynamics_newmark_frame
    use core_error, only: error_type
    use core_kinds, only: wp
    use dynamics_alignment, only: register_width, whole_registers
-   use numerics_lapack, only: invert_matrix
+   use numerics_lapack, only: invert_matrix, unit_matrix
    use numerics_sparse, only: sparse_matrix, sparse_of
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -47,9 +47,7 @@ contains
       frame%n_rows = n
       allocate (frame%row(structure%n_joints), source=0)
       rows = 0.0_wp
-      do i = 1, n
-         rows(i, i) = 1.0_wp
-      end do
+      rows(:n, :) = unit_matrix(n)
       do j = 1, structure%n_joints
          associate (w => structure%direction(:, j), row => frame%row(j))
             row = maxloc(abs(w), 1)

@@ -17,7 +17,7 @@ module dynamics_newmark_steps
    use dynamics_newmark_block, only: newmark_block, newmark_try
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_response, only: march_work
-   use numerics_lapack, only: solve_positive_definite
+   use numerics_lapack, only: solve_positive_definite, unit_matrix
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -111,13 +111,9 @@ contains
       real(wp), allocatable, intent(out) :: inverse(:, :)
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: s(:, :)
-      integer :: i
 
       s = structure%mass + gamma*h*structure%damping + beta*h**2*stiffness
-      allocate (inverse(size(s, 1), size(s, 1)), source=0.0_wp)
-      do i = 1, size(s, 1)
-         inverse(i, i) = 1.0_wp
-      end do
+      allocate (inverse, source=unit_matrix(size(s, 1)))
       call solve_positive_definite(s, inverse, error)
    end subroutine inverse_of
 

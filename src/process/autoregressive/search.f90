@@ -10,8 +10,9 @@
 module process_autoregressive_search
    use core_error, only: error_type
    use core_kinds, only: wp
-   use numerics_constrained_maximum, only: rest_of_gradient, step_to_maximum, unit_matrix
+   use numerics_constrained_maximum, only: rest_of_gradient, step_to_maximum
    use numerics_elementary, only: log_cosh
+   use numerics_lapack, only: unit_matrix
    use numerics_nlopt, only: minimization_problem, minimize
    use process_autoregressive_model, only: autocovariance_of, innovation_std
    use process_autoregressive_sums, only: correlation_sums, lag_sum_gradient, length_gradient, &

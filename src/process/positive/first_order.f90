@@ -8,7 +8,7 @@ module process_positive_first_order
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use numerics_root_search, only: root_search
+   use numerics_roots, only: root_search
    use process_correlation, only: correlation_length
    use process_entropy, only: gaussian_entropy
    use process_model, only: positive_name, process_model_type, process_request
