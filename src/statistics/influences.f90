@@ -9,7 +9,7 @@ module statistics_influences
    implicit none(type, external)
    private
    public :: view_type, excess_of, find_influence, find_weights, kappa_of, scale_influences, &
-             view_law, width_of
+             view_law, weigh_residuals, width_of
 
    real(wp), parameter :: widest = 3.0_wp   !! E that is allowed for
 
@@ -102,10 +102,19 @@ contains
       type(estimates_type), intent(inout) :: estimate
 
       call find_weights(surrogate, fit, average, constant, estimate%influence)
+      call weigh_residuals(surrogate, fit, estimate)
+   end subroutine find_influence
+
+   !> Turns weights of the samples' residuals into influences.
+   subroutine weigh_residuals(surrogate, fit, estimate)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      type(estimates_type), intent(inout) :: estimate
+
       estimate%kappa = kappa_of(fit, estimate%influence)
       estimate%influence = fit%residual*estimate%influence
       call scale_influences(surrogate, estimate)
-   end subroutine find_influence
+   end subroutine weigh_residuals
 
    !> kappa of each output, from the weights of the samples' residuals: that of the last judged
    !> output up to it.

@@ -6,7 +6,7 @@ module statistics_regression
    use numerics_lapack, only: multiply
    use statistics_estimates, only: estimates_type
    use statistics_influences, only: excess_of, find_influence, find_weights, kappa_of, &
-                                    scale_influences, view_type, width_of
+                                    scale_influences, view_type, weigh_residuals, width_of
    use statistics_percentiles, only: find_quantile
    use statistics_surrogate, only: average_features, fit_type, surrogate_type
    implicit none(type, external)
@@ -21,7 +21,8 @@ module statistics_regression
 
 contains
 
-   !> Estimates the mean by that of G.
+   !> Estimates the mean half way between that of G and that plus the mean of what G leaves of the
+   !> case's own samples, with half of their difference as bias. A case alone has no such rest.
    subroutine law_mean(surrogate, fit, view, values, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
@@ -30,14 +31,26 @@ contains
       type(estimates_type), intent(out) :: estimate
       real(wp) :: average_row(size(view%rows, 1), 1)
       real(wp) :: average(size(surrogate%eigenvalue), size(fit%mean))
-      integer :: o
+      real(wp) :: of_own(size(surrogate%eigenvalue))   ! average over own samples
+      integer :: n, o
 
+      n = view%last - view%first + 1
       average_row(:, 1) = matmul(view%rows, view%weight)
       call average_features(surrogate, average_row, 1.0_wp, average(:, 1:1))
-      average = spread(average(:, 1), 2, size(average, 2))
+      of_own = sum(surrogate%feature(view%first:view%last, :), 1)/n
       estimate%value = fit%mean + matmul(average(:, 1), fit%coefficient)
-      allocate (estimate%bias(size(fit%mean)), source=0.0_wp)
-      call find_influence(surrogate, fit, average, 1.0_wp, estimate)
+      estimate%bias = -0.5_wp*(fit%mean + matmul(of_own, fit%coefficient))
+      do o = 1, size(fit%mean)
+         estimate%bias(o) = estimate%bias(o) &
+                            + 0.5_wp*sum(fit%predicted(view%first:view%last, o) &
+                                         + fit%residual(view%first:view%last, o))/n
+      end do
+      estimate%value = estimate%value + estimate%bias
+      average = spread(average(:, 1) - 0.5_wp*of_own, 2, size(average, 2))
+      call find_weights(surrogate, fit, average, 0.5_wp, estimate%influence)
+      estimate%influence(view%first:view%last, :) = &
+         estimate%influence(view%first:view%last, :) + 0.5_wp/n
+      call weigh_residuals(surrogate, fit, estimate)
       allocate (estimate%excess(2, size(fit%mean)))
       do o = 1, size(fit%mean)
          estimate%excess(:, o) = &
