@@ -19,7 +19,7 @@ module campaign_samples_needed
 
    real(wp), parameter :: points = 100.0_wp     !! of percent in a fraction
    real(wp), parameter :: largest = 1.0e15_wp   !! number that is told
-   !> Share of the scatter that 131,072 windows and 3072 points leave: see statistics_law.
+   !> Share of the scatter that 131,072 windows and 4096 points leave, at most: see statistics_law.
    real(wp), parameter, public :: law_share = 1.0_wp/280.0_wp
 
    !> Standard errors of the mean slip fractions of a case [points], a value a joint.

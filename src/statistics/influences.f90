@@ -5,18 +5,21 @@ module statistics_influences
    use numerics_lapack, only: multiply
    use statistics_estimates, only: estimates_type
    use statistics_law, only: law_type
-   use statistics_surrogate, only: fit_type, rows_of, surrogate_type
+   use statistics_surrogate, only: find_squares, fit_type, rows_of, surrogate_type
    implicit none(type, external)
    private
    public :: view_type, excess_of, find_influence, find_weights, kappa_of, scale_influences, &
              view_law, weigh_residuals, width_of
 
+   integer, parameter, public :: thinning = 4   !! of the points for a mean of exponentials
    real(wp), parameter :: widest = 3.0_wp   !! E that is allowed for
 
    !> A law as a surrogate sees it, and which of the samples were drawn from it.
    type :: view_type
       real(wp), allocatable :: rows(:, :)       !! (landmark, point) of the kernel
       real(wp), allocatable :: weight(:)        !! (point)
+      !> (feature, some point), (some point) squares of the features, and what they leave of k(x, x)
+      real(wp), allocatable :: square(:, :), rest(:)
       integer :: first = 0, last = 0            !! samples of the law
    end type view_type
 
@@ -31,6 +34,8 @@ contains
 
       call rows_of(surrogate, law%x, view%rows)
       view%weight = law%weight
+      call find_squares(surrogate, law%x(::thinning, :), view%rows(:, ::thinning), view%square, &
+                        view%rest)
       view%first = first
       view%last = last
    end subroutine view_law

@@ -6,7 +6,7 @@ module statistics_kernel
    use numerics_lapack, only: multiply
    implicit none(type, external)
    private
-   public :: kernel_type, kernel_rows, new_kernel
+   public :: kernel_type, kernel_diagonal, kernel_rows, new_kernel
 
    real(wp), parameter :: sum_of_squares = 5.0_wp   !! of the weights
    real(wp), parameter :: linear = 10.0_wp, additive = 0.5_wp, joint = 0.5_wp   !! shares
@@ -73,6 +73,17 @@ contains
          end do
       end do
    end subroutine kernel_rows
+
+   !> k(x, x).
+   pure function kernel_diagonal(kernel, x) result(diagonal)
+      type(kernel_type), intent(in) :: kernel
+      real(wp), intent(in) :: x(:, :)   !! (point, input)
+      real(wp) :: diagonal(size(x, 1))
+      real(wp) :: share(size(x, 2))
+
+      share = kernel%weight**2/sum_of_squares
+      diagonal = linear*matmul(x**2, share) + joint + additive*sum(share, share >= smallest)
+   end function kernel_diagonal
 
    !> Adds the part of one input. exp(-rate |x - x'|) is a product of a growing and a falling
    !> exponential.

@@ -15,7 +15,7 @@ module statistics_law
 
    integer, parameter :: most_with_products = 12   !! inputs
    integer, parameter, public :: most_kept = 2**15   !! draws
-   integer, parameter, public :: n_points = 3072     !! that stand for a law
+   integer, parameter, public :: n_points = 4096     !! that stand for a law
    integer, parameter :: points_of_block = 16
    integer, parameter :: parts = 8   !! of a direction's largest component that others are whole
 

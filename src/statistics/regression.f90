@@ -6,9 +6,10 @@ module statistics_regression
    use numerics_lapack, only: multiply
    use statistics_estimates, only: estimates_type
    use statistics_influences, only: excess_of, find_influence, find_weights, kappa_of, &
-                                    scale_influences, view_type, weigh_residuals, width_of
+                                    scale_influences, thinning, view_type, weigh_residuals, &
+                                    width_of
    use statistics_percentiles, only: find_quantile
-   use statistics_surrogate, only: average_features, fit_type, surrogate_type
+   use statistics_surrogate, only: average_features, fit_type, predict_variance, surrogate_type
    implicit none(type, external)
    private
    public :: law_deviation, law_mean, law_mean_of_exponential, law_percentile
@@ -17,7 +18,9 @@ module statistics_regression
    real(wp), parameter :: share_of_near = 0.08_wp  !! of a case's samples, on either side
    integer, parameter :: least_near = 4
    integer, parameter :: most_in_window = 24       !! points whose features are averaged
-   integer, parameter :: thinning = 4   !! of the points for influences of a mean of exponentials
+   real(wp), parameter :: largest = 1.0_wp         !! v/2 that is allowed for
+   !> of the way to the mean of exp(G + v/2), which is too large where the noise is
+   real(wp), parameter :: share_of_variance = 0.25_wp
 
 contains
 
@@ -218,7 +221,8 @@ contains
    end function places_of_least
 
    !> Estimates the mean of y = exp(output) half way between the mean of exp(G) and the ratio
-   !> estimate from it, with half of their difference as bias.
+   !> estimate from it, half of their difference as bias; then a part of the way from there to the
+   !> mean of exp(G + v/2), v the variance of G, with that as bias if it is larger.
    subroutine law_mean_of_exponential(surrogate, fit, view, grown, y, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
@@ -228,18 +232,20 @@ contains
       type(estimates_type), intent(out) :: estimate
       real(wp), allocatable :: some(:, :), weighted(:, :), average_row(:, :), average(:, :)
       real(wp), allocatable :: of_all(:, :), of_samples(:, :), average_of_samples(:, :)
-      real(wp), allocatable :: feature(:, :), weight(:, :)
+      real(wp), allocatable :: feature(:, :), variance(:, :), weight(:, :)
       real(wp) :: each(size(grown, 1)), width(2, size(grown, 2))
-      real(wp) :: mean, ratio
+      real(wp) :: mean, part, ratio
       integer :: o
 
       some = view%rows(:, ::thinning)
       allocate (weighted(size(some, 2), size(grown, 2)))
+      allocate (variance, mold=weighted)
       allocate (average_row(size(view%rows, 1), size(grown, 2)))
       allocate (average(size(surrogate%eigenvalue), size(grown, 2)))
       allocate (average_of_samples, mold=average)
       allocate (estimate%value(size(grown, 2)), estimate%excess(2, size(grown, 2)))
       allocate (estimate%bias, mold=estimate%value)
+      call predict_variance(surrogate, fit, view%square, view%rest, variance)
       of_all = fit%predicted
       do o = 1, size(of_all, 2)
          call exponentiate(of_all(:, o))
@@ -251,9 +257,19 @@ contains
          mean = sum(each)
          weighted(:, o) = each(::thinning)/sum(each(::thinning))
          ratio = sum(y(:, o))/sum(of_samples(:, o))
+         of_samples(:, o) = of_samples(:, o)/sum(of_samples(:, o))
          estimate%value(o) = mean*sqrt(ratio)
          estimate%bias(o) = 0.5_wp*mean*(ratio - 1.0_wp)
-         of_samples(:, o) = of_samples(:, o)/sum(of_samples(:, o))
+         associate (e => fit%residual(view%first:view%last, o), &
+                    left => fit%left(view%first:view%last, o))
+            variance(:, o) = min(largest, 0.5_wp*variance(:, o) &
+                                 *noise_of(of_samples(:, o), e**2*left))
+         end associate
+         call exponentiate(variance(:, o))
+         part = share_of_variance*(mean*dot_product(weighted(:, o), variance(:, o)) &
+                                   - estimate%value(o))
+         estimate%value(o) = estimate%value(o) + part
+         if (abs(part) > abs(estimate%bias(o))) estimate%bias(o) = part
       end do
       call multiply(some, weighted, average_row)
       call average_features(surrogate, average_row, 1.0_wp, average)
@@ -276,5 +292,14 @@ contains
          estimate%excess(:, o) = excess_of(width(:, o), estimate%kappa(o))
       end do
    end subroutine law_mean_of_exponential
+
+   !> Variance of the noise: the mean of the samples' own; that by their shares in the mean where
+   !> those that carry it have less.
+   pure real(wp) function noise_of(share, of_sample)
+      real(wp), intent(in) :: share(:)       !! (sample) their sum is 1
+      real(wp), intent(in) :: of_sample(:)   !! (sample)
+
+      noise_of = min(sum(of_sample)/size(of_sample), dot_product(share, of_sample))
+   end function noise_of
 
 end module statistics_regression

@@ -6,11 +6,11 @@ module statistics_surrogate
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_lapack, only: find_symmetric_eigenvectors, multiply
-   use statistics_kernel, only: kernel_rows, kernel_type
+   use statistics_kernel, only: kernel_diagonal, kernel_rows, kernel_type
    implicit none(type, external)
    private
-   public :: fit_type, surrogate_type, average_features, find_features, fit_outputs, make_room, &
-             predict, rows_of, spread_out
+   public :: fit_type, surrogate_type, average_features, find_features, find_squares, &
+             fit_outputs, make_room, predict, predict_variance, rows_of, spread_out
 
    integer, parameter, public :: most_landmarks = 160
    !> outputs of a fit and samples whose pairs with all are looked at
@@ -33,6 +33,8 @@ module statistics_surrogate
       real(wp), allocatable, private :: landmark(:, :)    !! (landmark, input) standardised
       !> (landmark, feature), (feature): phi(x) = sum of transform*k(x, landmark) - offset
       real(wp), allocatable, private :: transform(:, :), offset(:)
+      real(wp), private :: mean_of_kernel = 0.0_wp   !! over pairs of landmarks
+      real(wp), private :: mean_rest = 0.0_wp        !! of k(x, x) at samples that features leave
    end type surrogate_type
 
    !> Outputs as functions of the inputs.
@@ -40,8 +42,10 @@ module statistics_surrogate
       real(wp), allocatable :: mean(:)             !! (output)
       real(wp), allocatable :: shrink(:, :)        !! (feature, output) s
       real(wp), allocatable :: coefficient(:, :)   !! (feature, output) of phi
+      real(wp), allocatable :: noise_ratio(:)      !! (output) r
       real(wp), allocatable, private :: of_row(:, :), constant(:)   !! G = of_row'k(x) + constant
       real(wp), allocatable :: residual(:, :)      !! (sample, output) leave-one-out
+      real(wp), allocatable :: left(:, :)          !! (sample, output) 1 - h
       real(wp), allocatable :: predicted(:, :)     !! (sample, output) y - residual
       integer, allocatable :: judged(:), some(:)   !! outputs and samples of the pairs
       !> (sample j, i of some, judged output) what leaving out j too adds to the residual e_i, and
@@ -75,6 +79,7 @@ contains
       n = size(x, 1)
       surrogate%landmark = x(spread_out(n, most_landmarks), :)
       call rows_of(surrogate, surrogate%landmark, rows)
+      surrogate%mean_of_kernel = sum(rows)/size(rows)
       call centre_both(rows)
       call find_leading(rows, basis, eigenvalue, error)
       if (allocated(error)) return
@@ -91,6 +96,8 @@ contains
          surrogate%transform = scaled_columns(basis, scale)
          surrogate%offset = surrogate%offset*scale
       end associate
+      surrogate%mean_rest = sum(centred_diagonal(surrogate, x, rows) &
+                                - matmul(surrogate%feature**2, eigenvalue))/n
    end subroutine find_features
 
    !> Computes k(landmark, x) at points or samples.
@@ -204,6 +211,7 @@ contains
       allocate (y(n, n_out), fit%residual(n, n_out), leverage(n, n_out))
       allocate (projection(size(surrogate%eigenvalue), n_out))
       allocate (fit%shrink, mold=projection)
+      allocate (fit%noise_ratio(n_out))
       do o = 1, n_out
          y(:, o) = outputs(:, o) - fit%mean(o)
       end do
@@ -211,6 +219,7 @@ contains
       do o = 1, n_out
          r = best_ratio(surrogate%eigenvalue, projection(:, o), sum(y(:, o)**2), n)
          fit%shrink(:, o) = surrogate%eigenvalue/(surrogate%eigenvalue + noise_ratios(r))
+         fit%noise_ratio(o) = noise_ratios(r)
       end do
       allocate (fit%coefficient, source=fit%shrink*projection)   ! not by =, which would read bounds
       allocate (fit%of_row(size(surrogate%transform, 1), n_out))
@@ -220,7 +229,8 @@ contains
       call multiply(surrogate%feature, fit%coefficient, fit%residual)
       call multiply(square, fit%shrink, leverage)
       leverage = leverage + 1.0_wp/n
-      fit%residual = (y - fit%residual)/(1.0_wp - leverage)
+      fit%left = 1.0_wp - leverage
+      fit%residual = (y - fit%residual)/fit%left
       fit%predicted = outputs - fit%residual
       call find_pairs(surrogate, leverage, fit)
    end subroutine fit_outputs
@@ -295,6 +305,31 @@ contains
       end do
    end subroutine average_features
 
+   !> Computes the squares of the features at points, and what they leave of k(x, x).
+   subroutine find_squares(surrogate, x, rows, square, rest)
+      type(surrogate_type), intent(in) :: surrogate
+      real(wp), intent(in) :: x(:, :)                      !! (point, input)
+      real(wp), intent(in), contiguous :: rows(:, :)       !! (landmark, point), see rows_of
+      real(wp), allocatable, intent(out) :: square(:, :)   !! (feature, point)
+      real(wp), allocatable, intent(out) :: rest(:)        !! (point)
+
+      allocate (square(size(surrogate%eigenvalue), size(rows, 2)))
+      call average_features(surrogate, rows, 1.0_wp, square)
+      square = square**2
+      rest = max(centred_diagonal(surrogate, x, rows) - matmul(surrogate%eigenvalue, square), &
+                 0.0_wp)
+   end subroutine find_squares
+
+   !> k(x, x) of the kernel whose mean over the landmarks is taken away on both sides.
+   pure function centred_diagonal(surrogate, x, rows) result(diagonal)
+      type(surrogate_type), intent(in) :: surrogate
+      real(wp), intent(in) :: x(:, :), rows(:, :)   !! (point, input), (landmark, point)
+      real(wp) :: diagonal(size(x, 1))
+
+      diagonal = kernel_diagonal(surrogate%kernel, x) - 2.0_wp*sum(rows, 1)/size(rows, 1) &
+                 + surrogate%mean_of_kernel
+   end function centred_diagonal
+
    !> Computes G at points of the law.
    subroutine predict(fit, rows, values)
       type(fit_type), intent(in) :: fit
@@ -307,5 +342,22 @@ contains
          values(:, o) = values(:, o) + fit%constant(o)
       end do
    end subroutine predict
+
+   !> Computes the variance of G at points, over that of the noise: sum_k s_k phi_k^2, and what the
+   !> features leave of k(x, x) as if it had no data. Samples have such a rest as well where they
+   !> are not landmarks: their noise is not less than its mean.
+   subroutine predict_variance(surrogate, fit, square, rest, variance)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      real(wp), intent(in), contiguous :: square(:, :)      !! (feature, point), see find_squares
+      real(wp), intent(in), contiguous :: rest(:)           !! (point)
+      real(wp), intent(out), contiguous :: variance(:, :)   !! (point, output)
+      integer :: o
+
+      call multiply(square, fit%shrink, variance, transposes_a=.true.)
+      do o = 1, size(variance, 2)
+         variance(:, o) = variance(:, o) + rest/max(fit%noise_ratio(o), surrogate%mean_rest)
+      end do
+   end subroutine predict_variance
 
 end module statistics_surrogate
