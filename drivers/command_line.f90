@@ -1,8 +1,7 @@
 !> Command line: a command, a scene, options.
 module driver_command_line
    use core_error, only: error_type, exit_bad_input, raise
-   use core_phrases, only: joined
-   use core_text, only: nearest_name
+   use core_phrases, only: joined, suggestion
    use io_files, only: exists
    implicit none(type, external)
    private
@@ -95,7 +94,8 @@ contains
          else if (word == '--reference') then
             line%wants_reference = .true.
          else if (index(word, '-') == 1) then
-            call refuse_unknown('option', word, names_in(options), error)
+            call raise(error, exit_bad_input, 'unknown option '//word// &
+                       suggestion(word, names_in(options)))
          else if (.not. allocated(line%command)) then
             line%command = word
             if (.not. any(word == names_in(commands))) call refuse_command(word, error)
@@ -159,22 +159,6 @@ contains
          call raise(error, exit_bad_input, option//' '//value//': needs a whole number from 1')
    end subroutine read_count
 
-   !> Refuses an unknown word and names the nearest known one, or else all of them.
-   subroutine refuse_unknown(what, word, known, error)
-      character(*), intent(in) :: what, word, known(:)
-      type(error_type), allocatable, intent(out) :: error
-      character(len(known)) :: nearest
-
-      nearest = nearest_name(word, known)
-      if (nearest /= '') then
-         call raise(error, exit_bad_input, 'unknown '//what//' '//word//', did you mean '// &
-                    trim(nearest)//'?')
-      else
-         call raise(error, exit_bad_input, 'unknown '//what//' '//word//'; there are '// &
-                    joined(known))
-      end if
-   end subroutine refuse_unknown
-
    !> Refuses an unknown command, or a scene where the command should stand.
    subroutine refuse_command(word, error)
       character(*), intent(in) :: word
@@ -184,7 +168,8 @@ contains
          call raise(error, exit_bad_input, 'no command before '//word//'; there are '// &
                     joined(names_in(commands)))
       else
-         call refuse_unknown('command', word, names_in(commands), error)
+         call raise(error, exit_bad_input, 'unknown command '//word// &
+                    suggestion(word, names_in(commands)))
       end if
    end subroutine refuse_command
 

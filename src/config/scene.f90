@@ -6,9 +6,9 @@ module config_scene
    use config_text_namelist, only: parse_groups
    use config_text_overrides, only: override_text, parse_overrides
    use config_text_reader, only: reader_type
-   use config_text_tokens, only: token_type, tokenize
+   use config_text_tokens, only: tokenize
    use core_complaints, only: complaint_list
-   use core_source, only: new_source, read_source, source_type
+   use core_source, only: byte_order_mark, new_source, read_source, source_type
    use core_text, only: nearest_name, to_text
    use structure_sizes, only: most_dofs
    implicit none(type, external)
@@ -46,8 +46,8 @@ contains
 
       scene%path = source%name
       scene%text = with_options(source%text, overrides)
-      call parse_document(source, overrides, reader%document, reader%complaints)
-      call check_groups(reader%document, scene%has_unknown_group, reader%complaints)
+      call parse_document(source, overrides, reader)
+      call check_groups(reader, scene%has_unknown_group)
       call read_groups(reader, scene)
       call check_rules(scene, reader)
       complaints = reader%complaints
@@ -69,28 +69,26 @@ contains
       end do
    end function with_options
 
-   subroutine parse_document(source, overrides, document, complaints)
+   subroutine parse_document(source, overrides, document)
       type(source_type), intent(in) :: source
       character(*), intent(in) :: overrides(:)
-      type(document_type), intent(out) :: document
-      type(complaint_list), intent(inout) :: complaints
-      type(token_type), allocatable :: file_tokens(:), set_tokens(:)
+      class(document_type), intent(inout) :: document
+      integer :: first
 
       document%source(1) = source
       document%source(2) = new_source('--set', override_text(overrides))
-      call tokenize(document%source(1), 1, file_tokens)
-      call tokenize(document%source(2), 2, set_tokens)
-      document%tokens = [file_tokens, set_tokens]
-      allocate (document%blocks(0))
-      call parse_groups(document, size(file_tokens), complaints)
-      call parse_overrides(document, size(file_tokens) + 1, complaints)
+      allocate (document%blocks(0), document%assignments(0))
+      first = 1
+      if (index(source%text, byte_order_mark) == 1) first = len(byte_order_mark) + 1
+      call tokenize(source, 1, 1, first, len(source%text), document%tokens)
+      call parse_groups(document)
+      call parse_overrides(document)
    end subroutine parse_document
 
    !> Complains of groups that are unknown, and of those that are there twice.
-   subroutine check_groups(document, has_unknown, complaints)
-      type(document_type), intent(in) :: document
+   subroutine check_groups(document, has_unknown)
+      class(document_type), intent(inout) :: document
       logical, intent(out) :: has_unknown   !! a group that may be meant for another
-      type(complaint_list), intent(inout) :: complaints
       character(:), allocatable :: rule
       character(len(group_names)) :: nearest
       integer :: i, first
@@ -102,7 +100,7 @@ contains
             if (all(group_names /= block%name)) then
                has_unknown = .true.
                rule = 'unknown group'
-               nearest = nearest_name(block%name, group_names)
+               nearest = nearest_name(trim(block%name), group_names)
                if (nearest /= '') rule = rule//', did you mean &'//trim(nearest)//'?'
             else if (first < i .and. block%name /= 'process') then
                rule = 'the group is there twice, first on line '// &
@@ -110,7 +108,7 @@ contains
             else
                cycle
             end if
-            call document%complain(block%place, '&'//block%name, rule, complaints)
+            call document%complain(block%place, '&'//trim(block%name), rule)
          end associate
       end do
    end subroutine check_groups
@@ -121,7 +119,7 @@ contains
       type(scene_type), intent(inout) :: scene
       integer :: i, number, n_processes
 
-      associate (blocks => reader%document%blocks)
+      associate (blocks => reader%blocks)
          n_processes = count([(blocks(i)%name == 'process', i=1, size(blocks))])
       end associate
       allocate (scene%processes(n_processes))
@@ -143,7 +141,7 @@ contains
       pure logical function is_there(group)
          character(*), intent(in) :: group
 
-         is_there = reader%document%find_block(group) > 0
+         is_there = reader%find_block(group) > 0
       end function is_there
 
    end subroutine read_groups
@@ -176,7 +174,7 @@ contains
          return
       end if
       do i = 1, size(of_motion)
-         if (reader%document%find_block(trim(of_motion(i))) > 0) call note('&'//of_motion(i))
+         if (reader%find_block(trim(of_motion(i))) > 0) call note('&'//of_motion(i))
       end do
 
    contains

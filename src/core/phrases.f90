@@ -1,10 +1,11 @@
 !> Numbers for people to read: counts, durations, sizes, labelled lines.
 module core_phrases
    use core_kinds, only: wp
-   use core_text, only: to_text
+   use core_text, only: nearest_name, to_text
    implicit none(type, external)
    private
-   public :: brief, counted, duration, joined, labelled, numbered, numbers_text, padded, size_text
+   public :: brief, counted, duration, joined, labelled, numbered, numbers_text, padded, &
+             size_text, suggestion
 
    character(*), parameter :: line_feed = new_line('a')
    integer, parameter :: label_width = 13, line_width = 80
@@ -51,6 +52,17 @@ contains
       end do
       if (text == '') text = 'nothing'
    end function joined
+
+   !> End of a complaint of a name that is not known: the nearest known one, or else all of them.
+   pure function suggestion(name, known) result(text)
+      character(*), intent(in) :: name, known(:)
+      character(:), allocatable :: text
+      character(len(known)) :: nearest
+
+      nearest = nearest_name(name, known)
+      text = '; there are '//joined(known)
+      if (nearest /= '') text = ', did you mean '//trim(nearest)//'?'
+   end function suggestion
 
    !> A count with its noun: 1 case, 2 cases.
    pure function counted(n, one, many) result(text)

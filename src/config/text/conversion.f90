@@ -40,7 +40,7 @@ contains
    !> Converts a token to text. Quotes are needed in a file but not on the command line, where the
    !> shell takes them away.
    pure subroutine convert_text(document, slot, value, rule)
-      type(document_type), intent(in) :: document
+      class(document_type), intent(in) :: document
       integer, intent(in) :: slot   !! into document%tokens
       character(:), allocatable, intent(out) :: value, rule
 
@@ -55,7 +55,7 @@ contains
 
    !> Converts a token to one of the entry's choices, in any case.
    pure subroutine convert_choice(document, slot, entry, value, rule)
-      type(document_type), intent(in) :: document
+      class(document_type), intent(in) :: document
       integer, intent(in) :: slot   !! into document%tokens
       type(entry_type), intent(in) :: entry
       character(choice_length), intent(inout) :: value

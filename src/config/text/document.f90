@@ -1,45 +1,52 @@
-!> A scene as it is written: groups, names and values, each with its place.
+!> A scene as it is written: groups, names and values, each with its place, and the complaints about
+!> them. Who fills the tables of groups from it extends it: config_text_reader.
 module config_text_document
-   use config_text_tokens, only: token_comma, token_type
+   use config_text_tokens, only: token_comma, token_group, token_open_quote, token_type
+   use config_text_value_table, only: visitor_type
    use core_complaints, only: complaint_list, printable
    use core_source, only: source_type
-   use core_text, only: lowered, to_text
+   use core_text, only: lowered
    implicit none(type, external)
    private
-   public :: assignment_type, block_type, document_type
+   public :: assignment_type, document_type
 
    integer, parameter :: shown = 40   !! characters of a long value that a complaint repeats, twice
+   character(*), parameter :: digits = '0123456789'
 
    !> One `&group ... /`.
    type :: block_type
-      character(:), allocatable :: name   !! lower case
+      character(32) :: name = ''          !! lower case; a longer one is cut, and no group of ours
       type(token_type) :: place           !! place of its &name
+      logical :: has_unknown = .false.    !! complained of a name in it
    end type block_type
 
    !> `name = values`, `name(lower:upper) = values`.
    type :: assignment_type
       integer :: block = 0
       character(32) :: name = ''          !! lower case; a longer one is cut, and no name of ours
-      type(token_type) :: place           !! place of the name
+      type(token_type) :: place           !! of the name, with its index
       integer :: lower = 0, upper = 0     !! 0: the whole list
       integer :: first_value = 1, last_value = 0   !! into document%tokens
+      logical :: is_known = .false.       !! an entry of its group has its name
+      logical :: is_refused = .false.     !! complained of
    end type assignment_type
 
    !> The file and the options, cut into tokens, groups and assignments.
-   type :: document_type
+   type, abstract, extends(visitor_type) :: document_type
       type(source_type) :: source(2)      !! the scene file; the --set options, one a line
       type(token_type), allocatable :: tokens(:)
       type(block_type), allocatable :: blocks(:)             !! in the order of the file
       type(assignment_type), allocatable :: assignments(:)   !! valid to n_assignments
       integer :: n_assignments = 0
+      type(complaint_list) :: complaints
    contains
       procedure :: open_block
       procedure :: find_block
       procedure :: append
       procedure :: is_for
       procedure :: text_of
-      procedure :: name_text
       procedure :: values_text
+      procedure :: rule_on
       procedure :: comma_hint
       procedure, private :: has_comma_inside
       procedure :: complain
@@ -49,19 +56,18 @@ module config_text_document
 
 contains
 
-   subroutine open_block(self, name, place)
+   !> Opens a group at its name.
+   subroutine open_block(self, place)
       class(document_type), intent(inout) :: self
-      character(*), intent(in) :: name
       type(token_type), intent(in) :: place
-      type(block_type), allocatable :: longer(:)
-      integer :: n
+      type(block_type) :: block
+      character(:), allocatable :: name
 
-      n = size(self%blocks)
-      allocate (longer(n + 1))
-      longer(:n) = self%blocks
-      longer(n + 1)%name = lowered(name)
-      longer(n + 1)%place = place
-      call move_alloc(longer, self%blocks)
+      name = self%text_of(place)
+      if (place%kind == token_group) name = name(2:)
+      block%name = lowered(name)
+      block%place = place
+      self%blocks = [self%blocks, block]
    end subroutine open_block
 
    !> The first block of a name, or the number-th; 0: there is none.
@@ -83,14 +89,9 @@ contains
    pure subroutine append(self, assignment)
       class(document_type), intent(inout) :: self
       type(assignment_type), intent(in) :: assignment
-      type(assignment_type), allocatable :: longer(:)
 
-      if (.not. allocated(self%assignments)) allocate (self%assignments(64))
-      if (self%n_assignments == size(self%assignments)) then
-         allocate (longer(2*self%n_assignments))
-         longer(:self%n_assignments) = self%assignments
-         call move_alloc(longer, self%assignments)
-      end if
+      if (self%n_assignments == size(self%assignments)) &
+         self%assignments = [self%assignments, self%assignments, assignment]
       self%n_assignments = self%n_assignments + 1
       self%assignments(self%n_assignments) = assignment
    end subroutine append
@@ -114,36 +115,36 @@ contains
       text = self%source(token%source)%text(token%first:token%last)
    end function text_of
 
-   !> The name with its index, as written.
-   pure function name_text(self, assignment) result(text)
-      class(document_type), intent(in) :: self
-      type(assignment_type), intent(in) :: assignment
-      character(:), allocatable :: text
-
-      text = self%text_of(assignment%place)
-      if (assignment%lower == 0) return
-      text = text//'('//to_text(assignment%lower)
-      if (assignment%upper > assignment%lower) text = text//':'//to_text(assignment%upper)
-      text = text//')'
-   end function name_text
-
    !> The values as written; of several lines only the first.
-   pure function values_text(self, assignment) result(text)
+   pure function values_text(self, given) result(text)
       class(document_type), intent(in) :: self
-      type(assignment_type), intent(in) :: assignment
+      type(assignment_type), intent(in) :: given
       character(:), allocatable :: text
       integer :: last
 
       text = ''
-      if (assignment%last_value < assignment%first_value) return
-      associate (first => self%tokens(assignment%first_value))
-         last = assignment%last_value
+      if (given%last_value < given%first_value) return
+      associate (first => self%tokens(given%first_value))
+         last = given%last_value
          do while (self%tokens(last)%line > first%line)
             last = last - 1
          end do
          text = self%source(first%source)%text(first%start:self%tokens(last)%last)
       end associate
    end function values_text
+
+   !> Rule that a token breaks where it is not expected: where a # stands, a person used to other
+   !> languages meant a comment.
+   pure function rule_on(self, token, otherwise) result(rule)
+      class(document_type), intent(in) :: self
+      type(token_type), intent(in) :: token
+      character(*), intent(in) :: otherwise
+      character(:), allocatable :: rule
+
+      rule = otherwise
+      if (token%kind == token_open_quote) rule = 'the quote is not closed on its line'
+      if (index(self%text_of(token), '#') == 1) rule = 'a comment begins with !'
+   end function rule_on
 
    !> Hint where a value may be half of 0,2; else empty.
    pure function comma_hint(self, slot) result(hint)
@@ -160,7 +161,6 @@ contains
    pure logical function has_comma_inside(self, i)
       class(document_type), intent(in) :: self
       integer, intent(in) :: i   !! into self%tokens, or beyond
-      character(*), parameter :: digits = '0123456789'
 
       has_comma_inside = .false.
       if (i < 1 .or. i + 2 > size(self%tokens)) return
@@ -173,19 +173,18 @@ contains
    end function has_comma_inside
 
    !> Adds a complaint at a token, `file:line: what: rule`.
-   subroutine complain(self, token, what, rule, complaints)
-      class(document_type), intent(in) :: self
+   subroutine complain(self, token, what, rule)
+      class(document_type), intent(inout) :: self
       type(token_type), intent(in) :: token
       character(*), intent(in) :: what, rule
-      type(complaint_list), intent(inout) :: complaints
       character(:), allocatable :: text
 
       text = what
       if (len(text) > 2*shown) text = what(:shown)//'...'//what(len(what) - shown + 4:)
       associate (source => self%source(token%source))
-         call complaints%add(source, token%line, &
-                             token%first - source%line_start(token%line) + 1, &
-                             printable(text)//': '//rule//blank_hint(self%text_of(token)))
+         call self%complaints%add(source, token%line, &
+                                  token%first - source%line_start(token%line) + 1, &
+                                  printable(text)//': '//rule//blank_hint(self%text_of(token)))
       end associate
    end subroutine complain
 
@@ -203,28 +202,30 @@ contains
    end function blank_hint
 
    !> Adds a complaint at a value, `file:line: group%name = value: rule`.
-   subroutine refuse(self, block, token, name, value, rule, complaints)
-      class(document_type), intent(in) :: self
+   subroutine refuse(self, block, token, name, value, rule)
+      class(document_type), intent(inout) :: self
       integer, intent(in) :: block
       type(token_type), intent(in) :: token
       character(*), intent(in) :: name, value, rule
-      type(complaint_list), intent(inout) :: complaints
       character(:), allocatable :: what
 
-      what = self%blocks(block)%name//'%'//name
+      what = trim(self%blocks(block)%name)//'%'//name
       if (len_trim(value) > 0) what = what//' = '//value
-      call self%complain(token, what, rule, complaints)
+      call self%complain(token, what, rule)
    end subroutine refuse
 
-   !> Adds a complaint at a name with all its values.
-   subroutine refuse_assignment(self, given, rule, complaints)
-      class(document_type), intent(in) :: self
-      type(assignment_type), intent(in) :: given
-      character(*), intent(in) :: rule
-      type(complaint_list), intent(inout) :: complaints
+   !> Adds a complaint at the name of the i-th assignment with all its values, if a rule is broken.
+   subroutine refuse_assignment(self, i, rule)
+      class(document_type), intent(inout) :: self
+      integer, intent(in) :: i
+      character(*), intent(in), optional :: rule
 
-      call self%refuse(given%block, given%place, self%name_text(given), self%values_text(given), &
-                       rule, complaints)
+      if (.not. present(rule)) return
+      associate (given => self%assignments(i))
+         given%is_refused = .true.
+         call self%refuse(given%block, given%place, self%text_of(given%place), &
+                          self%values_text(given), rule)
+      end associate
    end subroutine refuse_assignment
 
 end module config_text_document

@@ -4,195 +4,143 @@
 !> keeps the place of every name and value, and goes on behind a mistake.
 module config_text_namelist
    use config_text_document, only: assignment_type, document_type
-   use config_text_tokens, only: comment_rule, token_colon, token_comma, token_end, &
-      token_end_of_line, token_equals, token_group, token_left, token_open_quote, token_right, &
-      token_type, token_word
-   use core_complaints, only: complaint_list
-   use core_text, only: lowered
+   use config_text_tokens, only: token_end, token_group, token_index, token_name, token_type
+   use core_kinds, only: long
+   use core_text, only: lowered, parse_integer
    implicit none(type, external)
    private
-   public :: begins_assignment, parse_assignment, parse_count, parse_groups
+   public :: parse_assignment, parse_groups, parse_index
 
    integer, parameter :: max_blocks = 100   !! groups in one scene
 
 contains
 
    !> Parses the tokens of the scene file; what is not understood is complained of and left out.
-   subroutine parse_groups(document, n, complaints)
-      type(document_type), intent(inout) :: document
-      integer, intent(in) :: n   !! tokens of the file, the first ones of the document
-      type(complaint_list), intent(inout) :: complaints
+   subroutine parse_groups(document)
+      class(document_type), intent(inout) :: document
+      type(token_type) :: token
       integer :: i, last_outside
       logical :: is_open
 
       is_open = .false.
       last_outside = 0
       i = 1
-      do while (i <= n)
-         associate (token => document%tokens(i))
-            if (token%kind == token_group) then
-               if (is_open) call complain_unclosed(document, complaints)
-               if (size(document%blocks) == max_blocks) then
-                  call document%complain(token, document%text_of(token), &
-                                         'more groups than a scene can have', complaints)
-                  return
-               end if
-               call document%open_block(document%source(token%source)%text( &
-                                        token%first + 1:token%last), token)
-               is_open = .true.
-            else if (.not. is_open) then
-               if (token%line /= last_outside) call complain_outside(document, i, complaints)
-               last_outside = token%line
-            else if (token%kind == token_end) then
-               is_open = .false.
-            else if (begins_assignment(document%tokens(:n), i)) then
-               call parse_assignment(document, n, size(document%blocks), i, complaints)
-               cycle
-            else
+      do while (i <= size(document%tokens))
+         token = document%tokens(i)
+         if (token%kind == token_group) then
+            if (is_open) call complain_unclosed(document)
+            if (size(document%blocks) == max_blocks) then
                call document%complain(token, document%text_of(token), &
-                                      not_an_assignment(document, token), complaints)
-               i = end_of_values(document%tokens(:n), i)
+                                      'more groups than a scene can have')
+               return
             end if
-         end associate
+            call document%open_block(token)
+            is_open = .true.
+         else if (.not. is_open) then
+            if (token%line /= last_outside) call complain_outside(document, i)
+            last_outside = token%line
+         else if (token%kind == token_end) then
+            is_open = .false.
+         else if (token%kind == token_name) then
+            call parse_assignment(document, size(document%blocks), i)
+         else
+            call document%complain(token, document%text_of(token), &
+                                   document%rule_on(token, 'expected name = value'))
+            i = end_of_values(document%tokens, i)
+         end if
          i = i + 1
       end do
-      if (is_open) call complain_unclosed(document, complaints)
+      if (is_open) call complain_unclosed(document)
    end subroutine parse_groups
 
-   pure function not_an_assignment(document, token) result(rule)
-      type(document_type), intent(in) :: document
-      type(token_type), intent(in) :: token
-      character(:), allocatable :: rule
-
-      rule = 'expected name = value'
-      if (index(document%text_of(token), '#') == 1) rule = comment_rule
-      if (token%kind == token_open_quote) rule = 'the quote is not closed on its line'
-   end function not_an_assignment
-
-   subroutine complain_unclosed(document, complaints)
-      type(document_type), intent(in) :: document
-      type(complaint_list), intent(inout) :: complaints
+   subroutine complain_unclosed(document)
+      class(document_type), intent(inout) :: document
 
       associate (block => document%blocks(size(document%blocks)))
-         call document%complain(block%place, '&'//block%name, 'the group is not closed by /', &
-                                complaints)
+         call document%complain(block%place, '&'//trim(block%name), &
+                                'the group is not closed by /')
       end associate
    end subroutine complain_unclosed
 
    !> Complains of token i, which belongs to no group. Often a path or a quotient without quotes
    !> stands before it.
-   subroutine complain_outside(document, i, complaints)
-      type(document_type), intent(in) :: document
+   subroutine complain_outside(document, i)
+      class(document_type), intent(inout) :: document
       integer, intent(in) :: i
-      type(complaint_list), intent(inout) :: complaints
       character(:), allocatable :: rule
 
       associate (token => document%tokens(i), before => document%tokens(max(i - 1, 1)))
-         rule = 'stands outside of every group'
-         if (index(document%text_of(token), '#') == 1) rule = comment_rule
+         rule = document%rule_on(token, 'stands outside of every group')
          if (before%kind == token_end .and. before%last == token%first - 1) &
             rule = rule//' (the / before it ends one; text with a / needs quotes)'
-         call document%complain(token, document%text_of(token), rule, complaints)
+         call document%complain(token, document%text_of(token), rule)
       end associate
    end subroutine complain_outside
 
-   !> Parses `name [(lower[:upper])] = values`; leaves `i` on the token after them.
-   subroutine parse_assignment(document, n, block, i, complaints)
-      type(document_type), intent(inout) :: document
-      integer, intent(in) :: n        !! the last token that may belong to it
+   !> Parses `name [(lower[:upper])] = values` of a group; leaves `i` on the last of the values.
+   subroutine parse_assignment(document, block, i)
+      class(document_type), intent(inout) :: document
       integer, intent(in) :: block
       integer, intent(inout) :: i     !! on the name
-      type(complaint_list), intent(inout) :: complaints
-      type(assignment_type) :: assignment
+      type(assignment_type) :: given
       logical :: is_valid
 
-      assignment%block = block
-      assignment%place = document%tokens(i)
-      assignment%name = lowered(document%text_of(assignment%place))
+      given%block = block
+      given%place = document%tokens(i)
+      given%name = lowered(document%text_of(given%place))
       i = i + 1
       is_valid = .true.
-      if (document%tokens(i)%kind == token_left) call parse_index(document, i, assignment, is_valid)
-      if (.not. is_valid) &
-         call document%complain(document%tokens(i), document%text_of(assignment%place), &
-                                'an index is (i) or (i:j), counted from 1', complaints)
-      do while (document%tokens(i)%kind /= token_equals)
-         i = i + 1
-      end do
-      assignment%first_value = i + 1
-      assignment%last_value = end_of_values(document%tokens(:n), i)
-      i = assignment%last_value + 1
-      if (is_valid) call document%append(assignment)
+      associate (token => document%tokens(i))
+         if (token%kind == token_index) then
+            i = i + 1
+            call parse_index(document%text_of(token), given%lower, given%upper, is_valid)
+            if (.not. is_valid) call document%complain(token, document%text_of(given%place), &
+                                                'an index is (i) or (i:j), counted from 1')
+            given%place%last = token%last
+         end if
+      end associate
+      given%first_value = i + 1
+      i = end_of_values(document%tokens, i)
+      given%last_value = i
+      if (is_valid) call document%append(given)
    end subroutine parse_assignment
 
-   !> Parses (i) or (i:j); leaves `i` on the closing parenthesis, or on what is wrong.
-   pure subroutine parse_index(document, i, assignment, is_valid)
-      type(document_type), intent(in) :: document
-      integer, intent(inout) :: i   !! on the opening parenthesis
-      type(assignment_type), intent(inout) :: assignment
+   !> Parses (i) or (i:j), whole numbers from 1 to 9999.
+   pure subroutine parse_index(text, lower, upper, is_valid)
+      character(*), intent(in) :: text   !! with its parentheses
+      integer, intent(out) :: lower, upper
       logical, intent(out) :: is_valid
+      integer :: colon
 
-      call parse_count(document, document%tokens(i + 1), assignment%lower, is_valid)
-      assignment%upper = assignment%lower
-      if (.not. is_valid) return
-      i = i + 2
-      if (document%tokens(i)%kind == token_colon) then
-         call parse_count(document, document%tokens(i + 1), assignment%upper, is_valid)
-         if (.not. is_valid) return
-         i = i + 2
-      end if
-      is_valid = document%tokens(i)%kind == token_right .and. assignment%upper >= assignment%lower
+      colon = index(text, ':')
+      if (colon == 0) colon = len(text)
+      lower = count_in(text(2:colon - 1))
+      upper = lower
+      if (colon < len(text)) upper = count_in(text(colon + 1:len(text) - 1))
+      is_valid = lower > 0 .and. upper >= lower
+
+   contains
+
+      !> The number; 0 where there is none.
+      pure integer function count_in(word)
+         character(*), intent(in) :: word
+         integer(long), parameter :: largest = 9999
+         integer(long) :: value
+         character(:), allocatable :: rule
+
+         call parse_integer(trim(adjustl(word)), largest, value, rule)
+         count_in = merge(0, int(value), allocated(rule))
+      end function count_in
+
    end subroutine parse_index
 
-   !> Parses a whole number from 1 to 9999.
-   pure subroutine parse_count(document, token, count, is_valid)
-      type(document_type), intent(in) :: document
-      type(token_type), intent(in) :: token
-      integer, intent(out) :: count
-      logical, intent(out) :: is_valid
-      character(:), allocatable :: text
-
-      count = 0
-      text = document%text_of(token)
-      is_valid = token%kind == token_word .and. len(text) >= 1 .and. len(text) <= 4
-      if (is_valid) is_valid = verify(text, '0123456789') == 0
-      if (.not. is_valid) return
-      read (text, '(i4)') count
-      is_valid = count > 0
-   end subroutine parse_count
-
-   !> True if a name stands here, with '=' behind it or behind its index.
-   pure logical function begins_assignment(tokens, i)
-      type(token_type), intent(in) :: tokens(:)
-      integer, intent(in) :: i
-      integer :: j
-
-      begins_assignment = .false.
-      if (tokens(i)%kind /= token_word .or. i == size(tokens)) return
-      j = i + 1
-      if (tokens(j)%kind == token_left) then
-         do while (j < size(tokens))
-            j = j + 1
-            if (tokens(j)%kind == token_right) exit
-            if (all(tokens(j)%kind /= [token_word, token_colon, token_comma])) return
-         end do
-         j = j + 1
-         if (j > size(tokens)) return
-      end if
-      begins_assignment = tokens(j)%kind == token_equals
-   end function begins_assignment
-
-   !> The last token of the values that begin after token `i`: up to the next name, group or end.
+   !> The last token of the values that begin behind token `i`: up to the next name, group or end.
    pure integer function end_of_values(tokens, i)
       type(token_type), intent(in) :: tokens(:)
       integer, intent(in) :: i
 
-      end_of_values = i
-      do while (end_of_values < size(tokens))
-         associate (next => tokens(end_of_values + 1))
-            if (any(next%kind == [token_group, token_end, token_end_of_line])) exit
-         end associate
-         if (begins_assignment(tokens, end_of_values + 1)) exit
-         end_of_values = end_of_values + 1
+      do end_of_values = i, size(tokens) - 1
+         if (any(tokens(end_of_values + 1)%kind == [token_name, token_group, token_end])) return
       end do
    end function end_of_values
 

@@ -1,9 +1,8 @@
 !> The --set options: `group%name=value`, one value of the scene each.
 module config_text_overrides
    use config_text_document, only: document_type
-   use config_text_namelist, only: begins_assignment, parse_assignment, parse_count
-   use config_text_tokens, only: token_end_of_line, token_left, token_right, token_type, token_word
-   use core_complaints, only: complaint_list
+   use config_text_namelist, only: parse_assignment, parse_index
+   use config_text_tokens, only: token_index, token_name, token_type, token_word, tokenize
    use core_text, only: lowered
    implicit none(type, external)
    private
@@ -27,90 +26,78 @@ contains
    end function override_text
 
    !> Adds the options' assignments behind the file's, where they take their place.
-   subroutine parse_overrides(document, first, complaints)
-      type(document_type), intent(inout) :: document
-      integer, intent(in) :: first   !! token of the options; each option ends with its line
-      type(complaint_list), intent(inout) :: complaints
-      integer :: i, last
+   subroutine parse_overrides(document)
+      class(document_type), intent(inout) :: document
+      integer :: line
 
-      i = first
-      do while (i <= size(document%tokens))
-         last = i
-         do while (document%tokens(last)%kind /= token_end_of_line)
-            last = last + 1
-         end do
-         if (last > i) call parse_override(document, i, last - 1, complaints)
-         i = last + 1
+      do line = 1, document%source(2)%n_lines()
+         if (document%source(2)%line(line) /= '') call parse_override(document, line)
       end do
    end subroutine parse_overrides
 
    !> Parses `group%name = values`, or `group(number)%name = values` where there are several
    !> groups.
-   subroutine parse_override(document, first, last, complaints)
-      type(document_type), intent(inout) :: document
-      integer, intent(in) :: first, last   !! tokens
-      type(complaint_list), intent(inout) :: complaints
-      type(token_type) :: group
-      integer :: i, number, percent
+   subroutine parse_override(document, line)
+      class(document_type), intent(inout) :: document
+      integer, intent(in) :: line
+      type(token_type), allocatable :: head(:), tokens(:)   ! before and behind %
+      type(token_type) :: place
+      character(:), allocatable :: text
+      integer :: number, percent, upper
       logical :: is_valid
 
-      i = first
+      text = document%source(2)%line(line)
+      percent = index(text, '%')
+      associate (source => document%source(2), first => document%source(2)%line_start(line))
+         place = token_type(source=2, line=line, first=first, last=first + len(text) - 1)
+         call tokenize(source, 2, line, first, first + percent - 2, head)
+         call tokenize(source, 2, line, first + percent, place%last, tokens)
+      end associate
       number = 0
-      group = document%tokens(i)
-      is_valid = group%kind == token_word .and. last > first
-      if (is_valid .and. index(document%text_of(group), '%') == 0) then
-         is_valid = last >= first + 5 .and. document%tokens(i + 1)%kind == token_left
-         if (is_valid) call parse_count(document, document%tokens(i + 2), number, is_valid)
-         if (is_valid) is_valid = document%tokens(i + 3)%kind == token_right
-         if (is_valid) i = i + 4
+      is_valid = any(size(head) == [1, 2]) .and. size(tokens) > 0
+      if (is_valid) is_valid = head(1)%kind == token_word .and. tokens(1)%kind == token_name
+      if (is_valid .and. size(head) == 2) then
+         call parse_index(document%text_of(head(2)), number, upper, is_valid)
+         is_valid = is_valid .and. upper == number .and. head(2)%kind == token_index
       end if
       if (is_valid) then
-         percent = index(document%text_of(document%tokens(i)), '%')
-         is_valid = percent > 0 .and. (percent > 1 .neqv. i > first)
-      end if
-      if (is_valid) then
-         if (i == first) group%last = group%first + percent - 2
-         document%tokens(i)%first = document%tokens(i)%first + percent
-         is_valid = begins_assignment(document%tokens(:last), i)
-      end if
-      if (is_valid) then
-         call apply_override(document, group, number, i, last, complaints)
+         call apply_override(document, head(1), number, tokens)
       else
-         call document%complain(group, document%source(2)%line(group%line), &
-                                'must be group%name=value, such as campaign%n_samples=20', &
-                                complaints)
+         call document%complain(place, text, &
+                                'must be group%name=value, such as campaign%n_samples=20')
       end if
    end subroutine parse_override
 
    !> Adds an assignment to every group of that name, or to the one of that number. Opens a group
    !> that is absent.
-   subroutine apply_override(document, group, number, i, last, complaints)
-      type(document_type), intent(inout) :: document
+   subroutine apply_override(document, group, number, tokens)
+      class(document_type), intent(inout) :: document
       type(token_type), intent(in) :: group
-      integer, intent(in) :: number     !! 0: all
-      integer, intent(in) :: i, last    !! tokens of name = values
-      type(complaint_list), intent(inout) :: complaints
+      integer, intent(in) :: number             !! 0: all
+      type(token_type), intent(in) :: tokens(:)   !! of name = values
       character(:), allocatable :: name
-      integer :: block, n_found, next
+      integer :: block, first, last, n_found
 
       name = lowered(document%text_of(group))
-      if (.not. any([(document%blocks(block)%name == name, block=1, size(document%blocks))])) &
-         call document%open_block(name, group)
+      if (document%find_block(name) == 0) call document%open_block(group)
+      first = size(document%tokens) + 1
+      document%tokens = [document%tokens, tokens]
       n_found = 0
-      next = i
+      last = size(document%tokens)
       do block = 1, size(document%blocks)
          if (document%blocks(block)%name /= name) cycle
          n_found = n_found + 1
-         if (number /= 0 .and. number /= n_found) cycle
-         next = i
-         call parse_assignment(document, last, block, next, complaints)
+         if (all(number /= [0, n_found])) cycle
+         last = first
+         call parse_assignment(document, block, last)
       end do
       if (number > n_found) then
          call document%complain(group, document%source(2)%line(group%line), &
-                                'the scene has no group of that number', complaints)
-      else if (next <= last) then
-         call document%complain(document%tokens(next), document%text_of(document%tokens(next)), &
-                                'an option sets one value', complaints)
+                                'the scene has no group of that number')
+      else if (last < size(document%tokens)) then
+         associate (next => document%tokens(last + 1))
+            call document%complain(next, document%text_of(next), 'an option sets one value')
+         end associate
       end if
    end subroutine apply_override
 

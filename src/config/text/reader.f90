@@ -6,27 +6,21 @@ module config_text_reader
    use config_text_document, only: document_type
    use config_text_slots, only: find_slots
    use config_text_tokens, only: token_word
-   use config_text_value_table, only: choice_length, entry_type, name_length, visitor_type
-   use core_complaints, only: complaint_list
+   use config_text_value_table, only: choice_length, entry_type, name_length
    use core_kinds, only: long, wp
-   use core_phrases, only: joined
-   use core_text, only: nearest_name, to_text
+   use core_phrases, only: suggestion
+   use core_text, only: to_text
    implicit none(type, external)
    private
    public :: reader_type
 
-   !> Visits the groups of a scene and fills them from a document.
-   type, extends(visitor_type) :: reader_type
-      type(document_type) :: document
-      type(complaint_list) :: complaints
+   !> Visits the groups of a scene and fills them from its document.
+   type, extends(document_type) :: reader_type
       character(2*name_length), allocatable :: unused(:)   !! group%name: given, of no effect
       integer, private :: block = 0      !! the group being read; 0: absent, all is default
       integer, private :: current = 0    !! assignment being read, the last of its name; 0: none
       integer, private :: last_slot = 0  !! the token that was refused last
       logical, private :: is_list = .false.   !! several values are usual in what is being read
-      logical, allocatable, private :: is_known(:)     !! (assignment) some entry has its name
-      logical, allocatable, private :: is_refused(:)   !! (assignment) complained of
-      logical, allocatable, private :: has_unknown(:)  !! (block) complained of a name in it
       character(name_length), allocatable, private :: known(:)   !! the group's names so far
       character(name_length), allocatable, private :: missing(:) !! of them, must be and are not
    contains
@@ -53,71 +47,63 @@ contains
       character(*), intent(in) :: group
       integer, intent(in) :: number   !! which of several groups of that name
 
-      self%block = self%document%find_block(group, number)
+      self%block = self%find_block(group, number)
       self%known = [character(name_length) ::]
       self%missing = self%known
-      if (allocated(self%is_known)) return
-      allocate (self%is_known(self%document%n_assignments), &
-                self%is_refused(self%document%n_assignments), &
-                self%has_unknown(size(self%document%blocks)), source=.false.)
-      allocate (self%unused(0))
+      if (.not. allocated(self%unused)) allocate (self%unused(0))
    end subroutine begin_group
 
    !> Complains of every name in the group that was given but not visited: the group does not know
    !> it. Else complains of names that must be given and are not: one of them may be misspelt.
    subroutine end_group(self)
       class(reader_type), intent(inout) :: self
-      character(name_length) :: nearest
-      character(:), allocatable :: rule
       integer :: i
 
-      do i = 1, self%document%n_assignments
-         associate (given => self%document%assignments(i))
-            if (given%block /= self%block .or. self%is_known(i)) cycle
-            self%has_unknown(self%block) = .true.
-            nearest = nearest_name(trim(given%name), self%known)
-            rule = 'unknown name'
-            if (nearest /= '') then
-               rule = rule//', did you mean '//trim(nearest)//'?'
-            else
-               rule = rule//'; there are '//joined(self%known)
-            end if
-            call self%document%refuse(self%block, given%place, &
-                                      self%document%text_of(given%place), &
-                                      self%document%values_text(given), rule, self%complaints)
-         end associate
+      do i = 1, self%n_assignments
+         if (self%assignments(i)%block /= self%block .or. self%assignments(i)%is_known) cycle
+         self%blocks(self%block)%has_unknown = .true.
+         call self%refuse_assignment(i, 'unknown name'// &
+                                     suggestion(trim(self%assignments(i)%name), self%known))
       end do
       do i = 1, size(self%missing)
          call self%refuse_group(self%block, trim(self%missing(i)), '', 'must be given')
       end do
    end subroutine end_group
 
+   !> Number of the last assignment to a name in its group; 0: it is not given.
+   pure integer function last_given(self, block, name) result(i)
+      class(reader_type), intent(in) :: self
+      integer, intent(in) :: block
+      character(*), intent(in) :: name
+
+      do i = self%n_assignments, 1, -1
+         if (self%is_for(i, block, name)) return
+      end do
+   end function last_given
+
    pure logical function was_given(self, group, name, number)
       class(reader_type), intent(in) :: self
       character(*), intent(in) :: group, name
       integer, intent(in), optional :: number   !! which of several groups, default 1
-      integer :: block, i
 
-      block = self%document%find_block(group, number)
-      was_given = any([(self%document%is_for(i, block, name), i=1, self%document%n_assignments)])
+      was_given = last_given(self, self%find_block(group, number), name) > 0
    end function was_given
 
    !> Number of values of the longest list that a group gives without an index.
    pure integer function longest_list(self, group) result(longest)
       class(reader_type), intent(in) :: self
       character(*), intent(in) :: group
-      integer :: block, i, n
+      integer :: block, i
 
       longest = 0
-      block = self%document%find_block(group)
-      do i = 1, self%document%n_assignments
-         associate (given => self%document%assignments(i))
+      block = self%find_block(group)
+      do i = 1, self%n_assignments
+         associate (given => self%assignments(i))
             if (given%block /= block .or. given%lower > 0) cycle
-            associate (tokens => self%document%tokens(given%first_value:given%last_value))
-               n = sum(tokens%repeat, mask=tokens%kind == token_word)
+            associate (tokens => self%tokens(given%first_value:given%last_value))
+               longest = max(longest, sum(tokens%repeat, mask=tokens%kind == token_word))
             end associate
          end associate
-         longest = max(longest, n)
       end do
    end function longest_list
 
@@ -134,21 +120,16 @@ contains
       integer :: block, i
 
       if (condition) return
-      block = self%document%find_block(group, number)
-      do i = self%document%n_assignments, 1, -1
-         if (.not. self%document%is_for(i, block, name)) cycle
-         if (.not. self%is_refused(i)) call self%document%refuse_assignment( &
-            self%document%assignments(i), rule, self%complaints)
-         self%is_refused(i) = .true.
-         return
-      end do
+      block = self%find_block(group, number)
+      i = last_given(self, block, name)
       value = ''
       if (present(default)) value = default
-      if (block > 0) then
+      if (i > 0) then
+         if (.not. self%assignments(i)%is_refused) call self%refuse_assignment(i, rule)
+      else if (block > 0) then
          call self%refuse_group(block, name, value, rule)
       else
-         call self%complaints%add_general(self%document%source(1)%name//': '//group//'%'//name// &
-                                          ': '//rule)
+         call self%complaints%add_general(self%source(1)%name//': '//group//'%'//name//': '//rule)
       end if
    end subroutine require
 
@@ -165,7 +146,7 @@ contains
 
       call self%gather_one(entry, slot)
       if (slot > 0) then
-         word = self%document%text_of(self%document%tokens(slot))
+         word = self%text_of(self%tokens(slot))
          select type (value)
          type is (integer)
             call convert_integer(word, entry, int(huge(1), long), whole, rule)
@@ -178,14 +159,14 @@ contains
             call parse_logical(word, value, rule)
          type is (character(*))
             choice = value
-            call convert_choice(self%document, slot, entry, choice, rule)
+            call convert_choice(self, slot, entry, choice, rule)
             value = choice
             if (allocated(rule)) value = ''
          end select
-         if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
+         call self%refuse_slot(slot, trim(entry%name), rule)
       end if
       if (self%current == 0) return
-      if (.not. self%is_refused(self%current)) return
+      if (.not. self%assignments(self%current)%is_refused) return
       select type (value)
       type is (integer)
          value = 0
@@ -204,8 +185,8 @@ contains
       if (.not. allocated(value)) value = ''
       call self%gather_one(entry, slot)
       if (slot == 0) return
-      call convert_text(self%document, slot, value, rule)
-      if (allocated(rule)) call self%refuse_slot(slot, trim(entry%name), rule)
+      call convert_text(self, slot, value, rule)
+      call self%refuse_slot(slot, trim(entry%name), rule)
    end subroutine visit_text
 
    subroutine visit_reals(self, values, entry, default)
@@ -225,14 +206,14 @@ contains
       if (n_default > 0) values = default(min([(i, i=1, size(slots))], n_default))
       do i = 1, size(slots)
          if (slots(i) == 0) cycle
-         word = self%document%text_of(self%document%tokens(slots(i)))
+         word = self%text_of(self%tokens(slots(i)))
          if (entry%is_whole) then
             call convert_integer(word, entry, int(huge(1), long), whole, rule)
             values(i) = whole
          else
             call convert_real(word, entry, values(i), rule)
          end if
-         if (allocated(rule)) call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
+         call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
       end do
    end subroutine visit_reals
 
@@ -249,9 +230,9 @@ contains
       values = default(min([(i, i=1, size(slots))], size(default)))
       do i = 1, size(slots)
          if (slots(i) == 0) cycle
-         call convert_choice(self%document, slots(i), entry, values(i), rule)
+         call convert_choice(self, slots(i), entry, values(i), rule)
          if (.not. allocated(rule) .and. any(values(:i - 1) == values(i))) rule = 'is named twice'
-         if (allocated(rule)) call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
+         call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
       end do
    end subroutine visit_choices
 
@@ -278,44 +259,32 @@ contains
       integer, intent(in) :: default_size
       integer, allocatable, intent(out) :: slots(:)
       character(2*name_length) :: full_name
-      integer :: i, n_before
 
       self%known = [self%known, entry%name]
-      self%current = 0
-      do i = 1, self%document%n_assignments
-         if (.not. self%document%is_for(i, self%block, trim(entry%name))) cycle
-         self%is_known(i) = .true.
-         self%current = i
-      end do
-      if (self%current == 0) then
-         slots = spread(0, 1, default_size)
-         if (self%block > 0 .and. entry%is_required) self%missing = [self%missing, entry%name]
-         return
-      end if
-      n_before = self%complaints%n
-      call find_slots(self%document, self%block, entry, default_size, slots, self%complaints)
-      self%is_refused(self%current) = self%complaints%n > n_before
       self%is_list = entry%length > 1 .or. (default_size > 1 .and. entry%per_dof < 0)
-      if (entry%is_used) return
-      full_name = self%document%blocks(self%block)%name//'%'//entry%name
-      self%unused = [self%unused, full_name]
+      call find_slots(self, self%block, entry, default_size, slots, self%current)
+      if (self%block == 0) return
+      full_name = trim(self%blocks(self%block)%name)//'%'//entry%name
+      if (self%current == 0 .and. entry%is_required) self%missing = [self%missing, entry%name]
+      if (self%current > 0 .and. .not. entry%is_used) self%unused = [self%unused, full_name]
    end subroutine gather
 
-   !> Complains of one value.
+   !> Complains of one value, if it breaks a rule.
    subroutine refuse_slot(self, slot, name, rule)
       class(reader_type), intent(inout) :: self
-      integer, intent(in) :: slot   !! into document%tokens
-      character(*), intent(in) :: name, rule
+      integer, intent(in) :: slot   !! into self%tokens
+      character(*), intent(in) :: name
+      character(*), intent(in), optional :: rule
       character(:), allocatable :: hint
 
-      self%is_refused(self%current) = .true.
+      if (.not. present(rule)) return
+      self%assignments(self%current)%is_refused = .true.
       if (slot == self%last_slot) return   ! r*value: once will do
       self%last_slot = slot
       hint = ''
-      if (.not. self%is_list) hint = self%document%comma_hint(slot)
-      associate (token => self%document%tokens(slot))
-         call self%document%refuse(self%block, token, name, self%document%text_of(token), &
-                                   rule//hint, self%complaints)
+      if (.not. self%is_list) hint = self%comma_hint(slot)
+      associate (token => self%tokens(slot))
+         call self%refuse(self%block, token, name, self%text_of(token), rule//hint)
       end associate
    end subroutine refuse_slot
 
@@ -326,9 +295,8 @@ contains
       integer, intent(in) :: block
       character(*), intent(in) :: name, value, rule   !! value: of the default
 
-      if (.not. self%has_unknown(block)) &
-         call self%document%refuse(block, self%document%blocks(block)%place, name, value, rule, &
-                                   self%complaints)
+      if (.not. self%blocks(block)%has_unknown) &
+         call self%refuse(block, self%blocks(block)%place, name, value, rule)
    end subroutine refuse_group
 
    !> name(i) in a list of several values.

@@ -1,29 +1,28 @@
 !> Cuts namelist text into tokens that know where they stand.
 module config_text_tokens
-   use core_source, only: byte_order_mark, source_type
-   use core_text, only: lowered
+   use core_kinds, only: long
+   use core_source, only: source_type
+   use core_text, only: lowered, parse_integer
    implicit none(type, external)
    private
-   public :: token_type, tokenize, comment_rule
-   public :: token_word, token_quoted, token_open_quote, token_equals, token_comma, token_left, &
-             token_right, token_colon, token_group, token_end, token_end_of_line
+   public :: token_type, tokenize
+   public :: token_word, token_name, token_quoted, token_open_quote, token_comma, token_index, &
+             token_group, token_end
 
-   integer, parameter :: token_word = 1         !! a name, a number, .true.
-   integer, parameter :: token_quoted = 2       !! 'text', with its quotes
-   integer, parameter :: token_open_quote = 3   !! a quote that is not closed on its line
-   integer, parameter :: token_equals = 4, token_comma = 5, token_left = 6, token_right = 7, &
-                         token_colon = 8
-   integer, parameter :: token_group = 9        !! &name
-   integer, parameter :: token_end = 10         !! '/' or &end
-   integer, parameter :: token_end_of_line = 11 !! only between the --set options, one a line
+   integer, parameter :: token_none = 0         !! blanks, a comment
+   integer, parameter :: token_word = 1         !! a number, .true.
+   integer, parameter :: token_name = 2         !! a word before '=', or before an index and '='
+   integer, parameter :: token_quoted = 3       !! 'text', with its quotes
+   integer, parameter :: token_open_quote = 4   !! a quote that is not closed on its line
+   integer, parameter :: token_equals = 5, token_comma = 6
+   integer, parameter :: token_index = 7        !! (i) or (i:j), whatever stands in between
+   integer, parameter :: token_group = 8        !! &name
+   integer, parameter :: token_end = 9          !! '/' or &end
+   integer, parameter :: token_stray = 10       !! a parenthesis without the other
 
-   !> Said of a word that begins with #, where a person used to other languages expects a comment.
-   character(*), parameter :: comment_rule = 'a comment begins with !'
-
-   character(*), parameter :: blanks = ' '//achar(9)//achar(11)//achar(12)//achar(13)
-   character(*), parameter :: punctuation = '=,():'
-   integer, parameter :: punctuation_kind(*) = &
-                         [token_equals, token_comma, token_left, token_right, token_colon]
+   integer, parameter :: most_repeats = 1000000   !! r of r*value is cut there: no list is that long
+   character(*), parameter :: quotes = '''"', &
+                        blanks = ' '//achar(9)//achar(11)//achar(12)//achar(13)//new_line('a')
 
    !> Text is source%text(first:last).
    type :: token_type
@@ -37,99 +36,103 @@ module config_text_tokens
 
 contains
 
-   !> Splits a source into its tokens. On the command line `/`, `!` and `&` are ordinary
+   !> Cuts a part of a source into tokens. On the command line `/`, `!` and `&` are ordinary
    !> characters.
-   subroutine tokenize(source, number, tokens)
+   pure subroutine tokenize(source, number, line, first, last, tokens)
       type(source_type), intent(in) :: source
-      integer, intent(in) :: number                    !! 1: the scene file, 2: the --set options
+      integer, intent(in) :: number        !! 1: the scene file, 2: the --set options
+      integer, intent(in) :: line          !! of the first character
+      integer, intent(in) :: first, last   !! characters
       type(token_type), allocatable, intent(out) :: tokens(:)
       type(token_type) :: token
-      integer :: position, line, n
-      logical :: is_file
+      integer :: line_here, n, position
 
-      is_file = number == 1
       n = 0
-      allocate (tokens(256))
-      line = 1
-      position = 1
-      if (index(source%text, byte_order_mark) == 1) position = 4
-      associate (text => source%text)
-         do while (position <= len(text))
-            token = token_type(source=number, line=line, first=position, last=position, &
-                               start=position)
-            if (text(position:position) == new_line('a')) then
-               line = line + 1
-               token%kind = token_end_of_line
-               if (.not. is_file) call append(token)
-            else if (text(position:position) == '!' .and. is_file) then
-               token%last = end_of_line(text, position)
-            else if (index(blanks, text(position:position)) == 0) then
-               call classify(text, is_file, token)
-               call append(token)
-            end if
-            position = token%last + 1
-         end do
-      end associate
-      tokens = tokens(:n)
-
-   contains
-
-      subroutine append(token)
-         type(token_type), intent(in) :: token
-         type(token_type), allocatable :: longer(:)
-
-         if (n == size(tokens)) then
-            allocate (longer(2*n))
-            longer(:n) = tokens
-            call move_alloc(longer, tokens)
-         end if
+      allocate (tokens(64))
+      line_here = line
+      position = first
+      do while (position <= last)
+         token = token_type(source=number, line=line_here, first=position, last=position, &
+                            start=position)
+         if (source%text(position:position) == new_line('a')) line_here = line_here + 1
+         call classify(source%text(:last), number == 1, token)
+         position = token%last + 1
+         if (token%kind == token_none) cycle
+         if (token%kind == token_equals) call mark_name(tokens(:n))
+         if (n == size(tokens)) tokens = [tokens, tokens]
          n = n + 1
          tokens(n) = token
-      end subroutine append
-
+      end do
+      tokens = tokens(:n)
    end subroutine tokenize
+
+   !> Finds that the word before '=', or before an index and '=', is a name.
+   pure subroutine mark_name(before)
+      type(token_type), intent(inout) :: before(:)
+      integer :: i
+
+      i = size(before)
+      if (i > 1) i = i - merge(1, 0, before(i)%kind == token_index)
+      if (i < 1) return
+      if (before(i)%kind == token_word) before(i)%kind = token_name
+   end subroutine mark_name
 
    !> Finds the kind and the end of the token that begins at token%first.
    pure subroutine classify(text, is_file, token)
       character(*), intent(in) :: text
       logical, intent(in) :: is_file
       type(token_type), intent(inout) :: token
-      integer :: kind, star
+      character :: begin
+      integer :: length
 
-      kind = index(punctuation, text(token%first:token%first))
-      if (kind > 0) then
-         token%kind = punctuation_kind(kind)
-         return
-      end if
-      select case (text(token%first:token%first))
-      case ("'", '"')
+      begin = text(token%first:token%first)
+      if (index(blanks, begin) > 0) then
+         token%kind = token_none
+      else if (begin == '=') then
+         token%kind = token_equals
+      else if (begin == ',') then
+         token%kind = token_comma
+      else if (index('()', begin) > 0) then
+         token%kind = token_stray
+         length = scan(text(token%first + 1:), '()=&$/!'//quotes//new_line('a'))
+         if (begin == ')' .or. length == 0) return
+         if (text(token%first + length:token%first + length) /= ')') return
+         token%kind = token_index
+         token%last = token%first + length
+      else if (index(quotes, begin) > 0) then
          call close_quote(text, token)
-         return
-      case ('/')
-         if (is_file) then
-            token%kind = token_end
-            return
-         end if
-      case ('&', '$')
-         if (is_file) then
-            token%last = end_of_word(text, token%first + 1, is_file)
-            token%kind = token_group
-            if (lowered(text(token%first + 1:token%last)) == 'end') token%kind = token_end
-            return
-         end if
-      end select
-
-      token%last = end_of_word(text, token%first, is_file)
-      star = index(text(token%first:token%last), '*')
-      if (star > 1) then
-         if (verify(text(token%first:token%first + star - 2), '0123456789') == 0) then
-            token%repeat = bounded_count(text(token%first:token%first + star - 2))
-            token%first = token%first + star
-            if (token%first > len(text) .or. token%first <= token%last) return
-            if (scan(text(token%first:token%first), '''"') == 1) call close_quote(text, token)
-         end if
+      else if (begin == '!' .and. is_file) then
+         token%kind = token_none
+         token%last = end_of_line(text, token%first)
+      else if (begin == '/' .and. is_file) then
+         token%kind = token_end
+      else if (index('&$', begin) > 0 .and. is_file) then
+         token%last = end_of_word(text, token%first + 1, is_file)
+         token%kind = merge(token_end, token_group, &
+                            lowered(text(token%first + 1:token%last)) == 'end')
+      else
+         token%last = end_of_word(text, token%first, is_file)
+         call split_repeat(text, token)
       end if
    end subroutine classify
+
+   !> Takes r* from the beginning of a word; what stands behind it may be quoted.
+   pure subroutine split_repeat(text, token)
+      character(*), intent(in) :: text
+      type(token_type), intent(inout) :: token
+      character(:), allocatable :: rule
+      integer(long) :: repeat
+      integer :: star
+
+      star = index(text(token%first:token%last), '*')
+      if (star < 2 .or. verify(text(token%first:token%last), '0123456789') /= star) return
+      call parse_integer(text(token%first:token%first + star - 2), int(most_repeats, long), &
+                         repeat, rule)
+      token%repeat = int(repeat)
+      token%first = token%first + star
+      if (token%first > len(text) .or. token%first <= token%last) return
+      if (scan(text(token%first:token%first), quotes) == 1) call close_quote(text, token)
+   end subroutine split_repeat
 
    !> Finds the end of the text whose opening quote is at token%first; a doubled quote stands for
    !> one.
@@ -167,7 +170,7 @@ contains
       character(*), intent(in) :: text
       integer, intent(in) :: position
       logical, intent(in) :: is_file
-      character(*), parameter :: ends = blanks//punctuation//new_line('a')//'''"'
+      character(*), parameter :: ends = blanks//'=,()'//quotes
 
       if (is_file) then
          end_of_word = scan(text(position:), ends//'/!&$') + position - 2
@@ -176,16 +179,5 @@ contains
       end if
       if (end_of_word < position - 1) end_of_word = len(text)
    end function end_of_word
-
-   !> r of r*value, cut at a million: no list is that long.
-   pure integer function bounded_count(digits) result(count)
-      character(*), intent(in) :: digits
-      integer :: i
-
-      count = 0
-      do i = 1, len(digits)
-         count = min(10*count + iachar(digits(i:i)) - iachar('0'), 1000000)
-      end do
-   end function bounded_count
 
 end module config_text_tokens
