@@ -10,6 +10,7 @@ module driver_trial_runs
    use io_progress, only: progress_type
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
+   use tradeoff_marches, only: run_task
    use tradeoff_pilot, only: choose_every
    use tradeoff_task_results, only: published_numbers, task_result
    use tradeoff_tasks, only: new_tradeoff, scope_type, tradeoff_type
@@ -70,7 +71,7 @@ contains
          i = counter%next(stops=allocated(error) .or. is_abandoned)
          if (i == 0) exit
          call progress%show(max(i - world%n_ranks, 0))
-         call tradeoff%run_task(i, time_to_stop, is_abandoned, error)
+         call run_task(tradeoff, i, time_to_stop, is_abandoned, error)
          owner(i) = world%rank
       end do
       call counter%close()

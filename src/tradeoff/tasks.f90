@@ -1,5 +1,6 @@
 !> Marches that measure how accuracy depends on the settings, as tasks that any rank may take: each
-!> is one march, of which a few numbers are kept, and none needs another's.
+!> is one march, of which a few numbers are kept, and none needs another's. tradeoff_marches runs
+!> them.
 !>
 !> The error of a setting is measured against the event method at tolerance 1e-12, on the same
 !> samples. The scatter of consecutive batches of a long march gives the error of time averages,
@@ -16,17 +17,15 @@ module tradeoff_tasks
    use numerics_sorting, only: sort_order
    use numerics_spectrum, only: count_segments
    use process_model, only: process_model_type
-   use tradeoff_estimators, only: find_gains, no_gains
    use tradeoff_sample, only: choose_levels, draw_level, fit_segments, level_type, march_level, &
       shortened
    use tradeoff_settings, only: all_settings, count_work, expected_cost, own_setting, &
       reference_setting, same_setting, setting_type, settings_at_dt
-   use tradeoff_task_results, only: find_plain_errors, find_published, find_setting_errors, &
-      find_variant, task_result
-   use tradeoff_variants, only: remember_alike, variant_type
+   use tradeoff_task_results, only: task_result
+   use tradeoff_variants, only: variant_type
    implicit none(type, external)
    private
-   public :: tradeoff_type, task_type, scope_type, new_tradeoff
+   public :: tradeoff_type, task_type, scope_type, case_of, choose_march, new_tradeoff
    public :: of_setting, of_spectrum, of_batch, of_samples, of_variant
 
    integer, parameter :: of_setting = 1, of_spectrum = 2, of_batch = 3, of_samples = 4, &
@@ -75,10 +74,8 @@ module tradeoff_tasks
       integer :: n_segments = 0                       !! of the scene's spectra; 0: none
       integer :: n_wide = 0                           !! samples of a variant's march
       type(task_result), allocatable :: found(:)      !! (task)
-      type(block_result), allocatable, private :: references(:)   !! (level)
-      type(runner_type), private :: runner            !! of the whole campaign
-   contains
-      procedure :: run_task
+      type(block_result), allocatable :: references(:)   !! (level)
+      type(runner_type) :: runner                     !! of the whole campaign
    end type tradeoff_type
 
 contains
@@ -248,33 +245,51 @@ contains
    pure real(wp) function cost_of(tradeoff, task) result(cost)
       type(tradeoff_type), intent(in) :: tradeoff
       type(task_type), intent(in) :: task
+      type(plan_type) :: plan
       type(setting_type) :: setting
-      real(wp) :: transitions, n_steps
+      real(wp) :: transitions
       integer :: n_samples
 
+      call choose_march(tradeoff, task, plan, setting, n_samples)
+      transitions = maxval(tradeoff%transitions)
+      if (task%level > 0) transitions = tradeoff%transitions(task%level)
+      cost = real(plan%integration%n_steps, wp)*n_samples &
+             *expected_cost(setting, plan%structure%n_dof, n_samples, transitions)
+   end function cost_of
+
+   !> Chooses what a task marches: steps and what is kept of them, its setting, its samples.
+   pure subroutine choose_march(tradeoff, task, plan, setting, n_samples)
+      type(tradeoff_type), intent(in) :: tradeoff
+      type(task_type), intent(in) :: task
+      type(plan_type), intent(out) :: plan
+      type(setting_type), intent(out) :: setting
+      integer, intent(out) :: n_samples
+      integer :: n
+
       setting = tradeoff%usual
-      n_steps = tradeoff%plan%integration%n_steps
-      if (task%level > 0) then
-         n_samples = size(tradeoff%levels(task%level)%sample)
-         transitions = tradeoff%transitions(task%level)
-      else
-         n_samples = case_width(tradeoff, tradeoff%cases(task%row))
-         transitions = maxval(tradeoff%transitions)
-      end if
+      if (task%level > 0) n_samples = size(tradeoff%levels(task%level)%sample)
       select case (task%kind)
       case (of_setting)
+         plan = tradeoff%plan
          setting = tradeoff%settings(task%row)
       case (of_spectrum)
-         n_steps = tradeoff%long%integration%n_steps
+         plan = tradeoff%long
+         plan%output%spectrum_every = tradeoff%every(task%row)
+         plan%output%segment_length = tradeoff%segment_length(task%row)
       case (of_batch)
-         n_steps = tradeoff%long%integration%n_steps*(real(task%row, wp)/n_batches)
-      case (of_variant)
-         n_steps = tradeoff%wide%integration%n_steps
+         plan = tradeoff%long
+         n = plan%integration%n_steps/n_batches
+         plan%integration%n_steps = task%row*n
+         plan%integration%n_discard = (task%row - 1)*n
+         call fit_segments(n, plan)
+      case (of_samples)
+         plan = tradeoff%plan
+         n_samples = case_width(tradeoff, tradeoff%cases(task%row))
+      case default
+         plan = tradeoff%wide
          n_samples = tradeoff%n_wide
       end select
-      cost = n_steps*n_samples*expected_cost(setting, tradeoff%plan%structure%n_dof, n_samples, &
-                                             transitions)
-   end function cost_of
+   end subroutine choose_march
 
    !> True if a variant has a solution, and a case at this level.
    pure logical function can_be_marched(tradeoff, task)
@@ -358,113 +373,5 @@ contains
          if (is_bounded) case_width = min(case_width, case%n_samples)
       end associate
    end function case_width
-
-   !> Runs one march, and keeps its result.
-   subroutine run_task(self, number, should_stop, is_abandoned, error)
-      class(tradeoff_type), intent(inout) :: self
-      integer, intent(in) :: number
-      procedure(stop_query) :: should_stop
-      logical, intent(out) :: is_abandoned
-      type(error_type), allocatable, intent(out) :: error
-      type(plan_type) :: plan
-      type(level_type) :: level
-      type(setting_type) :: setting
-      type(block_result) :: result
-
-      is_abandoned = .false.
-      associate (task => self%tasks(number), found => self%found(number))
-         call prepare_task(self, task, plan, level, setting, error)
-         if (allocated(error)) return
-         call march_level(plan, level, setting, should_stop, result, found%cost, is_abandoned, &
-                          error)
-         if (allocated(error) .or. is_abandoned) return
-         found%n_samples = result%n_samples
-         select case (task%kind)
-         case (of_setting)
-            call find_setting_errors(plan, level, result, self%references(task%level), found%errors)
-         case (of_spectrum, of_batch)
-            call find_published(plan, result, found%value)
-         case (of_samples)
-            call find_plain_errors(plan, result, found%plain_error)
-            associate (case_number => self%cases(task%row))
-               if (self%most_fitted(case_number) > 0) then
-                  call find_gains(plan, self%scope%models(plan%cases(case_number)%process), &
-                                  level%friction, result, self%scope%has_settings, found%gain, &
-                                  error)
-               else
-                  call no_gains(plan, found%gain)
-               end if
-            end associate
-         case default
-            call find_variant(plan, result, found)
-         end select
-      end associate
-   end subroutine run_task
-
-   !> Prepares the march of a task: its samples, force and setting.
-   subroutine prepare_task(self, task, plan, level, setting, error)
-      type(tradeoff_type), intent(in) :: self
-      type(task_type), intent(in) :: task
-      type(plan_type), intent(out) :: plan
-      type(level_type), intent(out) :: level
-      type(setting_type), intent(out) :: setting
-      type(error_type), allocatable, intent(out) :: error
-      integer :: n
-
-      if (task%kind == of_setting .or. task%kind == of_samples) plan = self%plan
-      if (task%kind == of_spectrum .or. task%kind == of_batch) plan = self%long
-      if (task%kind == of_variant) plan = self%wide
-      setting = self%usual
-      if (task%kind == of_setting) setting = self%settings(task%row)
-      select case (task%kind)
-      case (of_samples)
-         call draw_case(self, self%cases(task%row), case_width(self, self%cases(task%row)), &
-                        plan%integration%n_steps, self%scope%models, level, error)
-      case (of_variant)
-         call draw_variant(self, task, plan%integration%n_steps, level, error)
-      case default
-         level = self%levels(task%level)
-      end select
-      if (task%kind == of_spectrum) then
-         plan%output%spectrum_every = self%every(task%row)
-         plan%output%segment_length = self%segment_length(task%row)
-      else if (task%kind == of_batch) then
-         n = plan%integration%n_steps/n_batches
-         plan%integration%n_steps = task%row*n
-         plan%integration%n_discard = (task%row - 1)*n
-         call fit_segments(n, plan)
-      end if
-   end subroutine prepare_task
-
-   !> Draws the samples of a variant's case, their friction drawn from its model by the numbers that
-   !> the samples of the scene's own process have.
-   subroutine draw_variant(self, task, n_steps, level, error)
-      type(tradeoff_type), intent(in) :: self
-      type(task_type), intent(in) :: task
-      integer, intent(in) :: n_steps
-      type(level_type), intent(out) :: level
-      type(error_type), allocatable, intent(out) :: error
-      type(process_model_type), allocatable :: alike(:), models(:)
-
-      alike = self%scope%variant_models
-      call remember_alike(alike)
-      models = self%scope%models
-      models(self%scope%variants(task%row)%process) = alike(task%row)
-      call draw_case(self, case_of(self, task), self%n_wide, n_steps, models, level, error)
-   end subroutine draw_variant
-
-   !> Draws samples 1 to n of a case as a force level of their own.
-   subroutine draw_case(self, case_number, n, n_steps, models, level, error)
-      type(tradeoff_type), intent(in) :: self
-      integer, intent(in) :: case_number, n, n_steps
-      type(process_model_type), intent(in) :: models(:)
-      type(level_type), intent(inout) :: level
-      type(error_type), allocatable, intent(out) :: error
-      integer :: i
-
-      level%case_number = spread(case_number, 1, n)
-      level%sample = [(i, i=1, n)]
-      call draw_level(self%runner%plan, self%runner, n_steps, level, error, models)
-   end subroutine draw_case
 
 end module tradeoff_tasks

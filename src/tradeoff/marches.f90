@@ -1,0 +1,98 @@
+!> Runs the marches of a tradeoff, a task at a time.
+module tradeoff_marches
+   use campaign_plan, only: plan_type
+   use campaign_results, only: block_result
+   use campaign_sample, only: stop_query
+   use core_error, only: error_type
+   use process_model, only: process_model_type
+   use tradeoff_estimators, only: find_gains, no_gains
+   use tradeoff_sample, only: draw_level, level_type, march_level
+   use tradeoff_settings, only: setting_type
+   use tradeoff_task_results, only: find_plain_errors, find_published, find_setting_errors, &
+      find_variant
+   use tradeoff_tasks, only: case_of, choose_march, of_batch, of_samples, of_setting, of_spectrum, &
+      of_variant, task_type, tradeoff_type
+   use tradeoff_variants, only: remember_alike
+   implicit none(type, external)
+   private
+   public :: run_task
+
+contains
+
+   !> Runs one march, and keeps its result.
+   subroutine run_task(tradeoff, number, should_stop, is_abandoned, error)
+      type(tradeoff_type), intent(inout) :: tradeoff
+      integer, intent(in) :: number
+      procedure(stop_query) :: should_stop
+      logical, intent(out) :: is_abandoned
+      type(error_type), allocatable, intent(out) :: error
+      type(plan_type) :: plan
+      type(level_type) :: level
+      type(setting_type) :: setting
+      type(block_result) :: result
+      integer :: n_samples
+
+      is_abandoned = .false.
+      associate (task => tradeoff%tasks(number), found => tradeoff%found(number))
+         call choose_march(tradeoff, task, plan, setting, n_samples)
+         call draw_samples(tradeoff, task, n_samples, plan%integration%n_steps, level, error)
+         if (allocated(error)) return
+         call march_level(plan, level, setting, should_stop, result, found%cost, is_abandoned, &
+                          error)
+         if (allocated(error) .or. is_abandoned) return
+         found%n_samples = result%n_samples
+         select case (task%kind)
+         case (of_setting)
+            call find_setting_errors(plan, level, result, tradeoff%references(task%level), &
+                                     found%errors)
+         case (of_spectrum, of_batch)
+            call find_published(plan, result, found%value)
+         case (of_samples)
+            call find_plain_errors(plan, result, found%plain_error)
+            associate (case_number => tradeoff%cases(task%row), scope => tradeoff%scope)
+               if (tradeoff%most_fitted(case_number) > 0) then
+                  call find_gains(plan, scope%models(plan%cases(case_number)%process), &
+                                  level%friction, result, scope%has_settings, found%gain, error)
+               else
+                  call no_gains(plan, found%gain)
+               end if
+            end associate
+         case default
+            call find_variant(plan, result, found)
+         end select
+      end associate
+   end subroutine run_task
+
+   !> Draws friction and force of a task's samples: those of its level, or samples 1 to n of a case,
+   !> of a variant by the numbers that the samples of the scene's own process have.
+   subroutine draw_samples(tradeoff, task, n, n_steps, level, error)
+      type(tradeoff_type), intent(in) :: tradeoff
+      type(task_type), intent(in) :: task
+      integer, intent(in) :: n, n_steps
+      type(level_type), intent(out) :: level
+      type(error_type), allocatable, intent(out) :: error
+      type(process_model_type), allocatable :: alike(:), models(:)
+      integer :: case_number, i
+
+      associate (scope => tradeoff%scope)
+         select case (task%kind)
+         case (of_samples)
+            case_number = tradeoff%cases(task%row)
+            models = scope%models
+         case (of_variant)
+            case_number = case_of(tradeoff, task)
+            alike = scope%variant_models
+            call remember_alike(alike)
+            models = scope%models
+            models(scope%variants(task%row)%process) = alike(task%row)
+         case default
+            level = tradeoff%levels(task%level)
+            return
+         end select
+      end associate
+      level%case_number = spread(case_number, 1, n)
+      level%sample = [(i, i=1, n)]
+      call draw_level(tradeoff%runner%plan, tradeoff%runner, n_steps, level, error, models)
+   end subroutine draw_samples
+
+end module tradeoff_marches
