@@ -4,12 +4,12 @@ module driver_output
    use campaign_pooling, only: estimators_of
    use campaign_runner, only: block_width
    use campaign_samples_needed, only: needs_more_samples, slip_error_of
+   use campaign_size, only: refuse_long_lists
    use campaign_study, only: block_range
    use config_plan, only: scene_name
    use config_scene, only: scene_type
-   use core_error, only: error_type, exit_bad_input, exit_file, raise
+   use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
-   use core_memory, only: gives_memory
    use core_terminal, only: say_line => say
    use core_text, only: to_text
    use driver_campaign, only: tell_folder
@@ -135,22 +135,6 @@ contains
       end if
       call share_finished(world, output)
    end subroutine open_output
-
-   !> Refuses more samples than a rank has memory to list.
-   subroutine refuse_long_lists(plan, error)
-      type(plan_type), intent(in) :: plan
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: of_sample = 12.0_wp   ! bytes: marks twice, and a number to tell them
-      real(wp) :: bytes
-      integer :: most
-
-      most = maxval([plan%cases%n_samples, 0])
-      bytes = of_sample*most*size(plan%cases)
-      if (.not. gives_memory(bytes)) &
-         call raise(error, exit_bad_input, 'campaign%n_samples = '//to_text(most)// &
-                    ': the lists of samples take '//to_text(nint(bytes/1.0e6_wp, long))// &
-                    ' MB on each rank, which the system does not give')
-   end subroutine refuse_long_lists
 
    !> Takes the lock, takes up what an earlier run left, and clears away what no run can use.
    subroutine find_finished(starts_anew, plan, output, error)

@@ -24,7 +24,7 @@ module campaign_size
    use structure_sizes, only: matrices_alone => memory_of_matrices
    implicit none(type, external)
    private
-   public :: memory_of_rank, n_frequencies, refuse_oversize, results_size
+   public :: memory_of_rank, n_frequencies, refuse_long_lists, refuse_oversize, results_size
 
    real(wp), parameter :: word = 8.0_wp            !! bytes of a number
    real(wp), parameter :: of_dataset = 775.0_wp    !! bytes beside its values (measured, HDF5 1.10)
@@ -341,22 +341,40 @@ contains
    subroutine refuse_oversize(plan, error)
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: bytes
 
-      bytes = word*plan%n_points*real(plan%n_realizations, wp)
-      if (.not. gives_memory(bytes)) &
-         call raise(error, exit_bad_input, 'process%n_realizations = '// &
-                    to_text(plan%n_realizations)//': the realizations of a process take '// &
-                    to_text(nint(bytes/1.0e6_wp, long))//' MB, which the system does not give')
+      call require(word*plan%n_points*real(plan%n_realizations, wp), 'process%n_realizations', &
+                   plan%n_realizations, 'the realizations of a process', '', '', error)
       if (allocated(error) .or. .not. plan%has_structure) return
-      bytes = memory_of_matrices(plan) &
-              + memory_of_march(plan, plan%output%segment_length, 0.0_wp)
-      if (.not. gives_memory(bytes)) call raise(error, exit_bad_input, 'integration%n_steps = '// &
-                           to_text(plan%integration%n_steps)//': the force and what is kept of '// &
-                                                'a block take '//to_text(nint(bytes/1.0e6_wp))// &
-                                      ' MB on each rank, which the system does not give: fewer '// &
-                                        'steps, histories of fewer output%dofs, or more memory '// &
-                                                '(ulimit -v)')
+      call require(memory_of_matrices(plan) &
+                   + memory_of_march(plan, plan%output%segment_length, 0.0_wp), &
+                   'integration%n_steps', plan%integration%n_steps, &
+                   'the force and what is kept of a block', ' on each rank', ': fewer steps, '// &
+                   'histories of fewer output%dofs, or more memory (ulimit -v)', error)
    end subroutine refuse_oversize
+
+   !> Refuses more samples than a rank has memory to list.
+   subroutine refuse_long_lists(plan, error)
+      type(plan_type), intent(in) :: plan
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: of_sample = 12.0_wp   ! bytes: marks twice, and a number to tell them
+      integer :: most
+
+      most = maxval([plan%cases%n_samples, 0])
+      call require(of_sample*most*size(plan%cases), 'campaign%n_samples', most, &
+                   'the lists of samples', ' on each rank', '', error)
+   end subroutine refuse_long_lists
+
+   subroutine require(bytes, name, value, what, where, advice, error)
+      real(wp), intent(in) :: bytes
+      character(*), intent(in) :: name   !! of the setting that decides
+      integer, intent(in) :: value
+      character(*), intent(in) :: what, where, advice
+      type(error_type), allocatable, intent(out) :: error
+
+      if (.not. gives_memory(bytes)) &
+         call raise(error, exit_bad_input, name//' = '//to_text(value)//': '//what//' take '// &
+                    to_text(nint(bytes/1.0e6_wp, long))//' MB'//where// &
+                    ', which the system does not give'//advice)
+   end subroutine require
 
 end module campaign_size

@@ -52,7 +52,10 @@ contains
          if (repeats(plan)) text = text//labelled('audit', audit_text(plan, n_ranks, &
                                                                       audit_nanoseconds))
       end if
-      text = text//sizes_text(plan, every, transitions, foreseen)
+      text = text//labelled('memory', 'about '// &
+                            size_text(memory_of_rank(plan, every, transitions))//' a rank')// &
+             labelled('results', 'up to '// &
+                      size_text(results_size(plan, every, transitions, foreseen)))
       if (size(scene%unused) > 0) &
          text = text//labelled('note', 'given and not used: '//joined(scene%unused))
       if (plan%has_structure) text = text//damping_note(scene%chain%damping_ratio)
@@ -391,19 +394,5 @@ contains
          text = text//', '//duration(sample_steps*nanoseconds*1.0e-9_wp/n_ranks)//' at '// &
                 brief(nanoseconds)//' ns each on '//counted(n_ranks, 'rank', 'ranks')
    end function work_text
-
-   !> Memory of a rank and size of the results.
-   function sizes_text(plan, every, transitions, foreseen) result(text)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: every
-      real(wp), intent(in) :: transitions
-      type(process_model_type), intent(in) :: foreseen(:)   !! (process)
-      character(:), allocatable :: text
-
-      text = labelled('memory', 'about '//size_text(memory_of_rank(plan, every, transitions))// &
-                      ' a rank')// &
-             labelled('results', 'up to '//size_text(results_size(plan, every, transitions, &
-                                                                      foreseen)))
-   end function sizes_text
 
 end module config_summary
