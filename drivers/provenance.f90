@@ -6,8 +6,7 @@ module driver_provenance
    use core_error, only: error_type
    use driver_build_info, only: architecture, compiler_flags, git_commit, version
    use driver_command_line, only: command_line
-   use io_group, only: group_of, group_type
-   use io_hdf5, only: hdf5_file
+   use io_hdf5, only: hdf5_file, hdf5_object, object_of
    use io_identity, only: identity_type
    use io_store, only: begin_file, discard_file
    implicit none(type, external)
@@ -38,7 +37,7 @@ contains
       integer, intent(in) :: n_ranks
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
-      type(group_type) :: root
+      type(hdf5_object) :: root
       character(:), allocatable :: overrides
       integer :: i
 
@@ -49,7 +48,7 @@ contains
          if (i > 1) overrides = overrides//new_line('a')
          overrides = overrides//trim(line%overrides(i))
       end do
-      root = group_of(file, '/')
+      root = object_of(file, '/')
       call root%attribute('seed', scene%heading%seed)
       call root%attribute('n_ranks', n_ranks)
       call root%attribute('title', title)

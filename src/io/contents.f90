@@ -8,7 +8,7 @@ module io_contents
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
    use core_text, only: to_text
-   use io_hdf5, only: check_dataset, hdf5_file, read_attribute, read_shape, write_sealed_attribute
+   use io_hdf5, only: check_dataset, hdf5_file, hdf5_object, object_of, read_shape
    implicit none(type, external)
    private
    public :: check_contents, note_contents
@@ -32,11 +32,14 @@ contains
       character(*), intent(in) :: group   !! with its last slash
       type(error_type), allocatable, intent(out) :: error
       character(:), allocatable :: members(:)
+      type(hdf5_object) :: object
       integer :: i
 
-      call list_members(file, group, members, error)
-      if (.not. allocated(error)) &
-         call write_sealed_attribute(file, group, list, joined(members), error)
+      object = object_of(file, group)
+      object%seals_texts = .true.
+      call list_members(file, group, members, object%error)
+      call object%attribute(list, joined(members))
+      call object%take_error(error)
       do i = 1, size(members)
          if (allocated(error)) return
          if (index(members(i), '/') > 0) call note_contents(file, group//trim(members(i)), error)
@@ -64,9 +67,12 @@ contains
       type(fault_list), intent(inout) :: faults
       character(:), allocatable :: members(:), noted, word
       type(error_type), allocatable :: error
+      type(hdf5_object) :: object
       integer :: first, i, length
 
-      call read_attribute(file, group, list, noted, error)
+      object = object_of(file, group)
+      call object%read(list, noted)
+      call object%take_error(error)
       if (.not. allocated(error)) call list_members(file, group, members, error)
       if (allocated(error)) then
          call faults%add(error%message(len(file%path) + 3:))

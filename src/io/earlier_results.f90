@@ -7,7 +7,7 @@ module io_earlier_results
    use io_contents, only: check_contents
    use io_files, only: exists
    use io_gathering, only: finished_samples
-   use io_hdf5, only: has_hdf5_signature, hdf5_file, open_hdf5, read_attribute
+   use io_hdf5, only: has_hdf5_signature, hdf5_file, hdf5_object, object_of, open_hdf5
    use io_identity, only: identity_type, refuse_foreign, require_command, require_same
    use io_results, only: case_group
    use io_shards, only: list_shards, shard_type, write_shard
@@ -50,6 +50,7 @@ contains
       integer, allocatable, intent(out) :: n_samples(:)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
+      type(hdf5_object) :: group
       integer, allocatable :: found(:)
       integer :: i, n, n_own
 
@@ -70,8 +71,9 @@ contains
       allocate (found(0))
       do i = 1, 2*n_own
          n = 0
-         if (file%has(case_group(i, n_own))) &
-            call read_attribute(file, case_group(i, n_own), 'n_samples', n, error)
+         group = object_of(file, case_group(i, n_own))
+         if (file%has(group%path)) call group%read('n_samples', n)
+         call group%take_error(error)
          if (allocated(error)) exit
          found = [found, n]
       end do

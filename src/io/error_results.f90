@@ -64,14 +64,14 @@ contains
          call group%get('error_ratio/slip_mean', errors%ratio)
          call group%get('percentile', errors%percentiles)
          call group%get('steady', is_steady)
-         call group%read('estimator', errors%estimator)
+         errors%estimator = ''
+         if (group%has_attribute('estimator')) call group%read('estimator', errors%estimator)
          if (.not. allocated(errors%ratio)) then
             allocate (errors%ratio(0))
             if (allocated(slip%mean_error)) errors%ratio = 0.0_wp*slip%mean_error + 1.0_wp
          end if
       end associate
       if (.not. allocated(errors%percentiles)) allocate (errors%percentiles(0))
-      if (.not. allocated(errors%estimator)) errors%estimator = ''
       if (allocated(is_steady)) errors%n_unsteady = count(.not. is_steady > 0.0_wp)
    end subroutine read_case
 

@@ -4,7 +4,7 @@ module io_force
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use io_files, only: file_size
-   use io_hdf5, only: has_attribute, hdf5_file, open_hdf5, read_attribute, read_dataset, read_extent
+   use io_hdf5, only: hdf5_file, hdf5_object, object_of, open_hdf5, read_dataset, read_extent
    implicit none(type, external)
    private
    public :: read_force_hdf5
@@ -35,14 +35,17 @@ contains
       real(wp), intent(in) :: dt
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: rounding = 1.0e-12_wp   ! relative: of a dt that was calculated
+      type(hdf5_object) :: dataset
       real(wp) :: found
 
       if (.not. file%has(name)) then
          call raise(error, exit_bad_input, file%path//': has no dataset '//name)
          return
       end if
-      if (.not. has_attribute(file, name, 'dt')) return
-      call read_attribute(file, name, 'dt', found, error)
+      dataset = object_of(file, name)
+      if (.not. dataset%has_attribute('dt')) return
+      call dataset%read('dt', found)
+      call dataset%take_error(error)
       if (allocated(error)) return
       if (.not. abs(found - dt) <= rounding*dt) then
          call raise(error, exit_bad_input, file%path//': attribute dt of '//name//' = '// &

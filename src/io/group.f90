@@ -1,37 +1,28 @@
-!> A group of a file that is filled or read: after a first error everything else passes by, and the
-!> error is taken once.
+!> A group of a file that is filled or read. After a first error everything else passes by.
 module io_group
-   use core_error, only: error_type
    use core_kinds, only: wp
-   use io_hdf5, only: allocate_for, has_attribute, hdf5_file, label_type, move_rows, &
-                      read_attribute, read_dataset, write_attribute, write_dataset
+   use io_hdf5, only: allocate_for, hdf5_file, hdf5_object, label_type, move_rows, read_dataset, &
+                      write_dataset
    implicit none(type, external)
    private
    public :: group_of, group_type, new_group
 
-   !> A group and the first error met in it.
-   type :: group_type
-      type(hdf5_file) :: file
-      character(:), allocatable :: path
-      type(error_type), allocatable :: error
+   !> A group with its datasets.
+   type, extends(hdf5_object) :: group_type
       character(24), private :: axis = ''   !! of the columns of a table
    contains
       generic :: put => put_reals, put_integers
       generic :: column => real_column, integer_column
-      generic :: read => read_text, read_integer, read_real
       procedure :: at
       procedure :: has
       procedure :: get
       procedure :: get_number
       procedure :: go_to
-      procedure :: attribute
       procedure :: put_axis
       procedure :: put_value
       procedure :: start_table
-      procedure :: take_error
       procedure, private :: put_reals, put_integers
       procedure, private :: real_column, integer_column
-      procedure, private :: read_text, read_integer, read_real
    end type group_type
 
 contains
@@ -82,24 +73,6 @@ contains
       self%path = path
       if (.not. allocated(self%error)) call self%file%make_group(path, self%error)
    end subroutine go_to
-
-   !> Returns the first error of all work on the group.
-   subroutine take_error(self, error)
-      class(group_type), intent(inout) :: self
-      type(error_type), allocatable, intent(out) :: error
-
-      if (allocated(self%error)) call move_alloc(self%error, error)
-   end subroutine take_error
-
-   !> Writes an attribute: a number, a logical or a text.
-   subroutine attribute(self, name, value)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      class(*), intent(in) :: value
-
-      if (.not. allocated(self%error)) &
-         call write_attribute(self%file, self%path, name, value, self%error)
-   end subroutine attribute
 
    !> Writes a whole dataset of any rank, where `values` is there.
    subroutine put_reals(self, name, values, units, long_name, axes, kind)
@@ -174,35 +147,6 @@ contains
 
       call self%put(name, values, '1', long_name, trim(self%axis))
    end subroutine integer_column
-
-   !> Reads an attribute; a text that is not there is not allocated.
-   subroutine read_text(self, name, value)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      character(:), allocatable, intent(out) :: value
-
-      if (allocated(self%error)) return
-      if (has_attribute(self%file, self%path, name)) &
-         call read_attribute(self%file, self%path, name, value, self%error)
-   end subroutine read_text
-
-   subroutine read_integer(self, name, value)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      integer, intent(inout) :: value
-
-      if (.not. allocated(self%error)) &
-         call read_attribute(self%file, self%path, name, value, self%error)
-   end subroutine read_integer
-
-   subroutine read_real(self, name, value)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name
-      real(wp), intent(inout) :: value
-
-      if (.not. allocated(self%error)) &
-         call read_attribute(self%file, self%path, name, value, self%error)
-   end subroutine read_real
 
    !> Reads a scalar.
    subroutine get_number(self, name, value)

@@ -2,8 +2,7 @@
 module io_identity
    use core_error, only: error_type, exit_file, raise
    use core_text, only: to_text
-   use io_hdf5, only: has_attribute, hdf5_file, read_attribute, write_attribute, &
-                      write_sealed_attribute
+   use io_hdf5, only: hdf5_file, hdf5_object, object_of
    implicit none(type, external)
    private
    public :: identity_type, refuse_foreign, require_command, require_same, write_identity
@@ -27,23 +26,18 @@ contains
       type(hdf5_file), intent(in) :: file
       type(identity_type), intent(in) :: identity
       type(error_type), allocatable, intent(out) :: error
+      type(hdf5_object) :: root
 
-      call write_attribute(file, '/', 'format_version', format_version, error)
-      call write_text('program', 'entroslip')
-      call write_text('settings', identity%settings)
-      call write_text('fingerprint', identity%fingerprint)
-      call write_text('version', identity%version)
-      call write_text('architecture', identity%architecture)
-      call write_text('command', identity%command)
-
-   contains
-
-      subroutine write_text(name, text)
-         character(*), intent(in) :: name, text
-
-         if (.not. allocated(error)) call write_sealed_attribute(file, '/', name, text, error)
-      end subroutine write_text
-
+      root = object_of(file, '/')
+      root%seals_texts = .true.
+      call root%attribute('format_version', format_version)
+      call root%attribute('program', 'entroslip')
+      call root%attribute('settings', identity%settings)
+      call root%attribute('fingerprint', identity%fingerprint)
+      call root%attribute('version', identity%version)
+      call root%attribute('architecture', identity%architecture)
+      call root%attribute('command', identity%command)
+      call root%take_error(error)
    end subroutine write_identity
 
    !> Refuses, by name and with the difference, a file of another campaign or of another program.
@@ -53,56 +47,37 @@ contains
       type(identity_type), intent(in) :: identity
       type(error_type), allocatable, intent(out) :: error
       character(*), intent(in), optional :: advice
-      character(:), allocatable :: theirs
+      character(:), allocatable :: architecture, fingerprint, settings, version
+      type(hdf5_object) :: root
       integer :: found
 
       call require_command(file, identity%command, error)
       if (allocated(error)) return
-      call read_attribute(file, '/', 'format_version', found, error)
-      if (allocated(error)) then
-         call advise()
-         return
-      else if (found /= format_version) then
+      root = object_of(file, '/')
+      call root%read('format_version', found)
+      if (.not. allocated(root%error) .and. found /= format_version) then
          call raise(error, exit_file, file%path//' has format version '//to_text(found)// &
                     ', this program reads '//to_text(format_version))
          return
       end if
-      call read_text('fingerprint', theirs)
-      if (allocated(error)) return
-      if (theirs /= identity%fingerprint) then
-         call read_text('settings', theirs)
-         if (.not. allocated(error)) &
-            call refuse('belongs to another scene', difference(theirs, identity%settings))
-         return
+      call root%read('fingerprint', fingerprint)
+      call root%read('settings', settings)
+      call root%read('version', version)
+      call root%read('architecture', architecture)
+      call root%take_error(error)
+      if (allocated(error)) then
+         if (present(advice)) error%message = error%message//advice
+      else if (fingerprint /= identity%fingerprint) then
+         call refuse('belongs to another scene', difference(settings, identity%settings))
+      else if (version /= identity%version) then
+         call refuse('was written by another version of the program', &
+                     'version '//version//', here '//identity%version)
+      else if (architecture /= identity%architecture) then
+         call refuse('was computed by another kind of machine', &
+                     'architecture '//architecture//', here '//identity%architecture)
       end if
-      call require_text('version', identity%version, &
-                        'was written by another version of the program')
-      if (allocated(error)) return
-      call require_text('architecture', identity%architecture, &
-                        'was computed by another kind of machine')
 
    contains
-
-      subroutine require_text(name, expected, complaint)
-         character(*), intent(in) :: name, expected, complaint
-         character(:), allocatable :: text
-
-         call read_text(name, text)
-         if (allocated(error)) return
-         if (text /= expected) call refuse(complaint, name//' '//text//', here '//expected)
-      end subroutine require_text
-
-      subroutine read_text(name, text)
-         character(*), intent(in) :: name
-         character(:), allocatable, intent(out) :: text
-
-         call read_attribute(file, '/', name, text, error)
-         if (allocated(error)) call advise()
-      end subroutine read_text
-
-      subroutine advise()
-         if (present(advice)) error%message = error%message//advice
-      end subroutine advise
 
       subroutine refuse(complaint, reason)
          character(*), intent(in) :: complaint, reason
@@ -184,27 +159,22 @@ contains
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: command
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: found
+      character(:), allocatable :: found, program
+      type(hdf5_object) :: root
 
-      call require_program(file, error)
-      if (.not. allocated(error)) call read_attribute(file, '/', 'command', found, error)
+      root = object_of(file, '/')
+      program = ''
+      if (root%has_attribute('program')) call root%read('program', program)
+      if (program == 'entroslip') call root%read('command', found)
+      call root%take_error(error)
       if (allocated(error)) return
-      if (found == command) return
-      call raise(error, exit_file, file%path//' holds what entroslip '//found//' has written: '// &
-                 'choose another --output')
+      if (program /= 'entroslip') then
+         call refuse_foreign(file%path, error)
+      else if (found /= command) then
+         call raise(error, exit_file, file%path//' holds what entroslip '//found// &
+                    ' has written: choose another --output')
+      end if
    end subroutine require_command
-
-   subroutine require_program(file, error)
-      type(hdf5_file), intent(in) :: file
-      type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: found
-
-      found = ''
-      if (has_attribute(file, '/', 'program')) &
-         call read_attribute(file, '/', 'program', found, error)
-      if (allocated(error) .or. found == 'entroslip') return
-      call refuse_foreign(file%path, error)
-   end subroutine require_program
 
    !> Refuses to replace a file that this program did not write.
    subroutine refuse_foreign(path, error)

@@ -4,7 +4,7 @@ module io_process_results
    use core_kinds, only: wp
    use core_phrases, only: numbered
    use io_group, only: group_of, group_type, new_group
-   use io_hdf5, only: hdf5_file, write_sealed_attribute
+   use io_hdf5, only: hdf5_file
    use process_components, only: axis_type, component, component_visitor, forget_components, &
                                  visit_components
    use process_model, only: process_model_type, process_request
@@ -16,7 +16,6 @@ module io_process_results
    !> Writes each component into a group.
    type, extends(component_visitor) :: writing_visitor
       type(group_type) :: group
-      logical :: is_sealed = .false.   !! its texts, as files of unknown health need it
    contains
       procedure :: visit_real => put_real
       procedure :: visit_text => put_text
@@ -45,22 +44,20 @@ contains
 
       group = new_group(file, '/process/'//numbered('p', number))
       call write_request(group, model%request)
-      call write_solution(group, model, is_sealed=.false.)
+      call write_solution(group, model)
       if (present(realizations)) call write_realizations(group, realizations)
       call group%take_error(error)
    end subroutine write_process
 
    !> Writes all that was found; not the request.
-   subroutine write_solution(group, model, is_sealed)
+   subroutine write_solution(group, model)
       type(group_type), intent(inout) :: group
       type(process_model_type), intent(in) :: model
-      logical, intent(in) :: is_sealed   !! texts that a flipped bit cannot hurt; Python has bytes
       type(process_model_type) :: copy
       type(writing_visitor) :: visitor
 
       copy = model
       visitor%group = group
-      visitor%is_sealed = is_sealed
       call visit_components(visitor, copy)
       group = visitor%group
    end subroutine write_solution
@@ -128,13 +125,7 @@ contains
       type(component), intent(in) :: what
       character(:), allocatable, intent(inout) :: value
 
-      if (.not. allocated(value) .or. allocated(self%group%error)) return
-      if (self%is_sealed) then
-         call write_sealed_attribute(self%group%file, self%group%path, trim(what%name), value, &
-                                     self%group%error)
-      else
-         call self%group%attribute(trim(what%name), value)
-      end if
+      if (allocated(value)) call self%group%attribute(trim(what%name), value)
    end subroutine put_text
 
    subroutine put_table(self, what, values)
@@ -191,7 +182,8 @@ contains
       type(component), intent(in) :: what
       character(:), allocatable, intent(inout) :: value
 
-      call self%group%read(trim(what%name), value)
+      if (self%group%has_attribute(trim(what%name))) &
+         call self%group%read(trim(what%name), value)
    end subroutine take_text
 
    subroutine take_table(self, what, values)

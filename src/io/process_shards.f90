@@ -31,7 +31,8 @@ contains
       call start_file(store, shard_name(number), ['process'], [number], file, error)
       if (allocated(error)) return
       group = new_group(file, solution)
-      call write_solution(group, model, is_sealed=.true.)
+      group%seals_texts = .true.   ! Python has bytes; a results file is for it
+      call write_solution(group, model)
       call group%take_error(error)
       call finish_file(store, shard_name(number), file, error)
    end subroutine keep_process

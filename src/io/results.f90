@@ -14,7 +14,7 @@ module io_results
    use io_files, only: folder_of, sync_file
    use io_gathering, only: stored_samples
    use io_group, only: group_type, new_group
-   use io_hdf5, only: hdf5_file, open_hdf5, write_attribute
+   use io_hdf5, only: hdf5_file, hdf5_object, object_of, open_hdf5
    use io_lock, only: lock_type
    use io_shards, only: read_shard
    use io_store, only: discard_file
@@ -309,9 +309,12 @@ contains
       real(wp), intent(in) :: wall_seconds   !! of the run that ends here
       type(error_type), allocatable, intent(out) :: error
       character(:), allocatable :: temporary
+      type(hdf5_object) :: root
 
       temporary = file%path
-      call write_attribute(file, '/', 'wall_seconds', wall_seconds, error)
+      root = object_of(file, '/')
+      call root%attribute('wall_seconds', wall_seconds)
+      call root%take_error(error)
       if (.not. allocated(error)) call note_contents(file, '/', error)
       if (.not. allocated(error)) call file%close(error)
       if (.not. allocated(error)) call sync_file(temporary, error)

@@ -4,8 +4,7 @@ module io_store
    use core_error, only: error_type, exit_file, raise
    use io_files, only: exists, list_files, list_unfinished, make_folder, remove_file, rename_file, &
                        sync_file, unfinished_name
-   use io_hdf5, only: create_hdf5, hdf5_file, open_hdf5, read_attribute, &
-                      write_attribute
+   use io_hdf5, only: create_hdf5, hdf5_file, hdf5_object, object_of, open_hdf5
    use io_identity, only: identity_type, require_same, write_identity
    implicit none(type, external)
    private
@@ -41,16 +40,19 @@ contains
       integer, intent(in) :: numbers(:)
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
+      type(hdf5_object) :: root
       integer :: i
 
       call make_folder(store%folder, error)
       if (allocated(error)) return
       call begin_file(store%folder//'/'//name, store%identity, file, error)
+      if (allocated(error)) return
+      root = object_of(file, '/')
       do i = 1, size(names)
-         if (allocated(error)) return
-         call write_attribute(file, '/', trim(names(i)), numbers(i), error)
-         if (allocated(error)) call discard_file(file)
+         call root%attribute(trim(names(i)), numbers(i))
       end do
+      call root%take_error(error)
+      if (allocated(error)) call discard_file(file)
    end subroutine start_file
 
    !> Creates a file with an identity under a temporary name; none is left after an error.
@@ -85,7 +87,8 @@ contains
       character(*), intent(in) :: advice     !! behind an error
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
-      integer :: found, i
+      type(hdf5_object) :: root
+      integer :: found(size(names)), i
 
       call open_hdf5(path, file, error)
       if (allocated(error)) then
@@ -93,16 +96,19 @@ contains
          return
       end if
       call require_same(file, store%identity, error, advice)
-      do i = 1, size(names)
-         if (allocated(error)) exit
-         call read_attribute(file, '/', trim(names(i)), found, error)
+      if (.not. allocated(error)) then
+         root = object_of(file, '/')
+         do i = 1, size(names)
+            call root%read(trim(names(i)), found(i))
+         end do
+         call root%take_error(error)
          if (allocated(error)) then
             error%message = error%message//advice
-         else if (found /= numbers(i)) then
+         else if (any(found /= numbers)) then
             call raise(error, exit_file, path//' does not hold the '//what// &
                        ' that its name tells'//advice)
          end if
-      end do
+      end if
       if (allocated(error)) call file%abandon()
    end subroutine open_own
 

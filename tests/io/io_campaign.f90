@@ -18,7 +18,7 @@ module io_campaign
    use io_identity, only: identity_type
    use io_lock, only: lock_type, take_lock
    use io_process_results, only: write_process
-   use io_hdf5, only: hdf5_file, write_attribute
+   use io_hdf5, only: hdf5_file, hdf5_object, object_of
    use io_results, only: begin_case, finish_case, finish_results, write_structure
    use io_shards, only: list_shards, shard_type, write_shard
    use io_store, only: begin_file, discard_file, shard_store
@@ -249,12 +249,17 @@ contains
       type(error_type), allocatable :: ignored
       type(lock_type) :: lock
       type(hdf5_file) :: file
+      type(hdf5_object) :: object
 
       call list_shards(store, shards, error)
       if (.not. allocated(error)) call take_lock(path, lock, error)
       if (allocated(error)) return
       call begin_file(path, made_identity(), file, error)
-      if (.not. allocated(error)) call write_attribute(file, '/', 'title', 'made', error)
+      if (.not. allocated(error)) then
+         object = object_of(file, '/')
+         call object%attribute('title', 'made')
+         call object%take_error(error)
+      end if
       if (.not. allocated(error)) then
          call fill_made_results(file, store, shards, error, has_audit)
          if (.not. allocated(error)) call finish_results(file, lock, 1.0_wp, error)

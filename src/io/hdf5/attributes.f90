@@ -1,9 +1,9 @@
-!> Attributes of groups and datasets: texts as UTF-8, logicals as 0 and 1.
+!> A group or dataset of a file with its attributes: texts as UTF-8, logicals as 0 and 1.
 !>
 !> Texts are of variable length, as Python likes them best. HDF5 keeps those in a heap without
 !> checksum, and may crash on a damaged one: what must be read from files of unknown health is
-!> written with write_sealed_attribute, of fixed length, which lies under the checksum of its
-!> object.
+!> sealed, of fixed length, which lies under the checksum of its object: there a flipped bit is
+!> noticed.
 module io_hdf5_attributes
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_loc, c_null_char, c_null_ptr, &
                                                                              c_ptr
@@ -15,136 +15,148 @@ module io_hdf5_attributes
    use io_hdf5_outcome, only: conclude, forget_failure, note_failure
    implicit none(type, external)
    private
-   public :: has_attribute, read_attribute, write_attribute, write_sealed_attribute
+   public :: hdf5_object, object_of
 
-   !> A number, a logical as 0 or 1, or a text.
-   interface read_attribute
-      module procedure read_text, read_integer, read_real
-   end interface read_attribute
+   !> A group or dataset, '/' the file itself, and the first error met in it: everything else then
+   !> passes by, and the error is taken once.
+   type :: hdf5_object
+      type(hdf5_file) :: file
+      character(:), allocatable :: path
+      type(error_type), allocatable :: error
+      logical :: seals_texts = .false.   !! that it writes
+   contains
+      generic :: read => read_text, read_integer, read_real
+      procedure :: attribute
+      procedure :: has_attribute
+      procedure :: take_error
+      procedure, private :: read_text, read_integer, read_real
+      procedure, private :: write_text, write_value, read_value, text_length, fail
+   end type hdf5_object
 
 contains
 
-   !> True if an object has an attribute of this name.
-   function has_attribute(file, object, name)
+   !> The group or dataset at a path, there or not.
+   function object_of(file, path) result(object)
       type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
+      character(*), intent(in) :: path
+      type(hdf5_object) :: object
+
+      object%file = file
+      object%path = path
+   end function object_of
+
+   !> Returns the first error of all work on the object.
+   subroutine take_error(self, error)
+      class(hdf5_object), intent(inout) :: self
+      type(error_type), allocatable, intent(out) :: error
+
+      if (allocated(self%error)) call move_alloc(self%error, error)
+   end subroutine take_error
+
+   !> True if there is an attribute of this name.
+   function has_attribute(self, name)
+      class(hdf5_object), intent(in) :: self
+      character(*), intent(in) :: name
       logical :: has_attribute
       integer :: status
 
-      call h5aexists_by_name_f(file%id, object, name, has_attribute, status)
+      call h5aexists_by_name_f(self%file%id, self%path, name, has_attribute, status)
       has_attribute = has_attribute .and. status >= 0
       call forget_failure()
    end function has_attribute
 
-   !> Writes a number, a logical or a text; the object is a group or dataset, '/' the file itself.
-   subroutine write_attribute(file, object, name, value, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
+   !> Writes an attribute: a number, a logical or a text.
+   subroutine attribute(self, name, value)
+      class(hdf5_object), intent(inout) :: self
+      character(*), intent(in) :: name
       class(*), intent(in), target :: value
-      type(error_type), allocatable, intent(out) :: error
       integer, target :: flag
 
+      if (allocated(self%error)) return
       select type (value)
       type is (character(*))
-         call write_text(file, object, name, value, error)
-         return
+         call self%write_text(name, value)
       type is (logical)
          flag = merge(1, 0, value)
-         call write_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(flag))
+         call self%write_value(name, H5T_NATIVE_INTEGER, c_loc(flag))
       type is (integer)
-         call write_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(value))
+         call self%write_value(name, H5T_NATIVE_INTEGER, c_loc(value))
       type is (integer(long))
-         call write_value(file, object, name, h5kind_to_type(long, H5_INTEGER_KIND), c_loc(value))
+         call self%write_value(name, h5kind_to_type(long, H5_INTEGER_KIND), c_loc(value))
       type is (real(wp))
-         call write_value(file, object, name, H5T_NATIVE_DOUBLE, c_loc(value))
+         call self%write_value(name, H5T_NATIVE_DOUBLE, c_loc(value))
       class default
-         error stop 'write_attribute: no kind of value that it knows'
+         error stop 'attribute: no kind of value that it knows'
       end select
-      call conclude(attribute_of(file, object, name)//': cannot be written', error)
-   end subroutine write_attribute
+      call self%fail(name, 'written')
+   end subroutine attribute
 
-   subroutine write_text(file, object, name, value, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name, value
-      type(error_type), allocatable, intent(out) :: error
+   subroutine write_text(self, name, value)
+      class(hdf5_object), intent(in) :: self
+      character(*), intent(in) :: name, value
       character(kind=c_char), allocatable, target :: characters(:)
       type(c_ptr), target :: location
       integer(hid_t) :: kind
       integer :: status
 
-      characters = transfer(value//c_null_char, [c_char_'x'])
-      location = c_loc(characters)
-      call new_text_kind(kind)
-      call write_value(file, object, name, kind, c_loc(location))
+      if (self%seals_texts) then
+         characters = transfer(value//repeat(' ', merge(1, 0, len(value) == 0)), [c_char_'x'])
+         call new_text_kind(kind, size(characters))
+         call self%write_value(name, kind, c_loc(characters))
+      else
+         characters = transfer(value//c_null_char, [c_char_'x'])
+         location = c_loc(characters)
+         call new_text_kind(kind)
+         call self%write_value(name, kind, c_loc(location))
+      end if
       call h5tclose_f(kind, status)
-      call conclude(attribute_of(file, object, name)//': cannot be written', error)
    end subroutine write_text
 
-   !> Writes a text of fixed length. HDF5 keeps it under a checksum, unlike one of variable length,
-   !> so a flipped bit is noticed.
-   subroutine write_sealed_attribute(file, object, name, value, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
-      character(*), intent(in) :: value
-      type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable, target :: text
-      integer(hid_t) :: kind
-      integer :: status
-
-      text = value
-      if (len(text) == 0) text = ' '
-      call new_text_kind(kind, len(text))
-      call write_value(file, object, name, kind, c_loc(text))
-      call h5tclose_f(kind, status)
-      call conclude(attribute_of(file, object, name)//': cannot be written', error)
-   end subroutine write_sealed_attribute
-
-   subroutine write_value(file, object, name, kind, value)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
+   subroutine write_value(self, name, kind, value)
+      class(hdf5_object), intent(in) :: self
+      character(*), intent(in) :: name
       integer(hid_t), intent(in) :: kind
       type(c_ptr), intent(in) :: value
       integer(hid_t) :: attribute, space
       integer :: status
 
       call h5screate_f(H5S_SCALAR_F, space, status)
-      call h5acreate_by_name_f(file%id, object, name, kind, space, attribute, status)
+      call h5acreate_by_name_f(self%file%id, self%path, name, kind, space, attribute, status)
       call h5awrite_f(attribute, kind, value, status)
       call h5aclose_f(attribute, status)
       call h5sclose_f(space, status)
    end subroutine write_value
 
-   !> Name of an attribute in messages.
-   pure function attribute_of(file, object, name) result(text)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
-      character(:), allocatable :: text
+   !> Takes the failure of what was done with an attribute, where there was one.
+   subroutine fail(self, name, deed)
+      class(hdf5_object), intent(inout) :: self
+      character(*), intent(in) :: name, deed   !! 'written', 'read'
 
-      text = file%path//': attribute '//name//' of '//object
-   end function attribute_of
+      call conclude(self%file%path//': attribute '//name//' of '//self%path//': cannot be '//deed, &
+                    self%error)
+   end subroutine fail
 
-   subroutine read_text(file, object, name, value, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
+   subroutine read_text(self, name, value)
+      class(hdf5_object), intent(inout) :: self
+      character(*), intent(in) :: name
       character(:), allocatable, intent(out), target :: value
-      type(error_type), allocatable, intent(out) :: error
       type(c_ptr), target :: location
       type(c_ptr) :: address
       integer(hid_t) :: kind, space
-      integer(size_t) :: length
-      integer :: status
+      integer :: length, status
 
       value = ''
-      call find_text_length(file, object, name, length)
+      if (allocated(self%error)) return
+      length = self%text_length(name)
       if (length > 0) then
-         value = repeat(' ', int(length))
-         call new_text_kind(kind, int(length))
-         call read_value(file, object, name, kind, c_loc(value))
+         value = repeat(' ', length)
+         call new_text_kind(kind, length)
+         call self%read_value(name, kind, c_loc(value))
          value = trim(value)
       else
          location = c_null_ptr
          call new_text_kind(kind)
-         call read_value(file, object, name, kind, c_loc(location))
+         call self%read_value(name, kind, c_loc(location))
          if (c_associated(location)) value = text_at(location)
          call h5screate_f(H5S_SCALAR_F, space, status)
          address = c_loc(location)
@@ -152,61 +164,60 @@ contains
          call h5sclose_f(space, status)
       end if
       call h5tclose_f(kind, status)
-      call conclude(attribute_of(file, object, name)//': cannot be read', error)
+      call self%fail(name, 'read')
    end subroutine read_text
 
-   !> Finds the bytes of a text of fixed length; 0 for one of variable length.
-   subroutine find_text_length(file, object, name, length)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
-      integer(size_t), intent(out) :: length
+   !> Bytes of a text of fixed length; 0 for one of variable length.
+   integer function text_length(self, name)
+      class(hdf5_object), intent(in) :: self
+      character(*), intent(in) :: name
       integer(hid_t) :: attribute, kind
+      integer(size_t) :: length
       logical :: is_variable
       integer :: status
 
       length = 0
       is_variable = .true.
-      call h5aopen_by_name_f(file%id, object, name, attribute, status)
+      call h5aopen_by_name_f(self%file%id, self%path, name, attribute, status)
       call h5aget_type_f(attribute, kind, status)
       call h5tis_variable_str_f(kind, is_variable, status)
       if (status >= 0 .and. .not. is_variable) call h5tget_size_f(kind, length, status)
       call h5tclose_f(kind, status)
       call h5aclose_f(attribute, status)
-   end subroutine find_text_length
+      text_length = int(length)
+   end function text_length
 
-   subroutine read_integer(file, object, name, value, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
-      integer, intent(out), target :: value
-      type(error_type), allocatable, intent(out) :: error
+   subroutine read_integer(self, name, value)
+      class(hdf5_object), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(inout), target :: value
 
-      value = 0
-      call read_value(file, object, name, H5T_NATIVE_INTEGER, c_loc(value))
-      call conclude(attribute_of(file, object, name)//': cannot be read', error)
+      if (allocated(self%error)) return
+      call self%read_value(name, H5T_NATIVE_INTEGER, c_loc(value))
+      call self%fail(name, 'read')
    end subroutine read_integer
 
-   subroutine read_real(file, object, name, value, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
-      real(wp), intent(out), target :: value
-      type(error_type), allocatable, intent(out) :: error
+   subroutine read_real(self, name, value)
+      class(hdf5_object), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), intent(inout), target :: value
 
-      value = 0.0_wp
-      call read_value(file, object, name, H5T_NATIVE_DOUBLE, c_loc(value))
-      call conclude(attribute_of(file, object, name)//': cannot be read', error)
+      if (allocated(self%error)) return
+      call self%read_value(name, H5T_NATIVE_DOUBLE, c_loc(value))
+      call self%fail(name, 'read')
    end subroutine read_real
 
-   !> Refuses what is not one single value: `value` has room for no more.
-   subroutine read_value(file, object, name, kind, value)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: object, name
+   !> Reads one value, and refuses what is not one: `value` has room for no more.
+   subroutine read_value(self, name, kind, value)
+      class(hdf5_object), intent(in) :: self
+      character(*), intent(in) :: name
       integer(hid_t), intent(in) :: kind
       type(c_ptr), value :: value
       integer(hid_t) :: attribute, space
       integer(hsize_t) :: n_values
       integer :: status
 
-      call h5aopen_by_name_f(file%id, object, name, attribute, status)
+      call h5aopen_by_name_f(self%file%id, self%path, name, attribute, status)
       call h5aget_space_f(attribute, space, status)
       n_values = 0
       call h5sget_simple_extent_npoints_f(space, n_values, status)

@@ -9,7 +9,7 @@ module io_hdf5_writing
    use core_kinds, only: long, wp
    use hdf5
    use h5ds, only: h5dsattach_scale_f, h5dsset_scale_f
-   use io_hdf5_attributes, only: write_attribute
+   use io_hdf5_attributes, only: hdf5_object, object_of
    use io_hdf5_file, only: hdf5_file, make_parents, new_timeless_list
    use io_hdf5_outcome, only: conclude
    use io_hdf5_values, only: extents_of, move
@@ -92,12 +92,13 @@ contains
       character(*), intent(in) :: path
       type(label_type), intent(in) :: label
       type(error_type), allocatable, intent(out) :: error
+      type(hdf5_object) :: dataset
 
-      call write_attribute(file, path, 'units', label%units, error)
-      if (allocated(error)) return
-      call write_attribute(file, path, 'long_name', label%long_name, error)
-      if (allocated(error)) return
-      call attach_axes(file, path, label%axes, error)
+      dataset = object_of(file, path)
+      call dataset%attribute('units', label%units)
+      call dataset%attribute('long_name', label%long_name)
+      call dataset%take_error(error)
+      if (.not. allocated(error)) call attach_axes(file, path, label%axes, error)
    end subroutine describe
 
    !> Joins each axis of a dataset to the scale of that name in the same group, or in the group
