@@ -64,17 +64,28 @@ contains
       end if
    end subroutine write_results
 
+   !> Writes the processes with the realizations that were asked for.
    subroutine write_processes(plan, models, file, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
       type(hdf5_file), intent(in) :: file
       type(error_type), allocatable, intent(out) :: error
-      integer :: i
+      real(wp), allocatable :: values(:, :)   ! (point, realization)
+      type(stream_type) :: stream
+      integer :: i, k
 
       do i = 1, size(models)
          ! neither solved nor refused: a replay did not need it
          if (.not. (models(i)%is_solved .or. allocated(models(i)%reason))) cycle
-         call write_process_of(plan, i, models(i), file, error)
+         if (allocated(values)) deallocate (values)
+         if (plan%n_realizations > 0 .and. models(i)%is_solved) then
+            allocate (values(plan%n_points, plan%n_realizations))
+            do k = 1, plan%n_realizations
+               stream = new_stream(plan%seed, request_label(models(i)%request), k)
+               call draw_points(models(i), stream, values(:, k))
+            end do
+         end if
+         call write_process(file, i, models(i), error, values)
          if (allocated(error)) return
       end do
    end subroutine write_processes
@@ -193,28 +204,6 @@ contains
       audit = audit_of(plan, number)
       if (audit > 0) call finish_audit(plan, audit, runner%layout, stored, file, error)
    end subroutine finish
-
-   !> Writes a process with the realizations that were asked for.
-   subroutine write_process_of(plan, number, model, file, error)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number
-      type(process_model_type), intent(in) :: model
-      type(hdf5_file), intent(in) :: file
-      type(error_type), allocatable, intent(out) :: error
-      real(wp) :: values(plan%n_points, plan%n_realizations)
-      type(stream_type) :: stream
-      integer :: i
-
-      if (plan%n_realizations == 0 .or. .not. model%is_solved) then
-         call write_process(file, number, model, error)
-         return
-      end if
-      do i = 1, plan%n_realizations
-         stream = new_stream(plan%seed, request_label(model%request), i)
-         call draw_points(model, stream, values(:, i))
-      end do
-      call write_process(file, number, model, error, values)
-   end subroutine write_process_of
 
    !> Compares the audit with the samples that it repeats, and writes it; for the root alone.
    subroutine finish_audit(plan, audit, layout, stored, file, error)

@@ -65,7 +65,7 @@ contains
             n_numbers = n_quantities*structure%n_joints
             if (plan%excitation%kind == 'sine') n_numbers = n_numbers + structure%n_dof
             call start_columns(n_samples, n_numbers, plan%output%percentiles, task%numbers)
-            n_groups = task%numbers%n_groups()
+            n_groups = task%numbers%n_groups
             call start_spans(count_spans(plan%integration), structure%n_joints, n_groups, &
                              task%spans)
          end associate
@@ -146,12 +146,12 @@ contains
 
       call world%add_up(size(columns%sums), columns%sums)
       call world%add_up(size(columns%at), columns%at)
-      if (.not. columns%has_selection()) return
+      if (columns%n_groups == 1) return
       n_columns = size(columns%at, 1)
       if (are_densities) n_columns = task%bands%n_dof
       n_frequencies = size(columns%at, 1)/n_columns
       range = frequencies_together(n_columns, n_frequencies)
-      together = range*(1 + world%n_ranks/columns%n_groups())
+      together = range*(1 + world%n_ranks/columns%n_groups)
       do first = 1, n_frequencies, together
          last = min(first + together - 1, n_frequencies)
          call columns%open_selection(n_columns*(first - 1) + 1, n_columns*last, selection)
@@ -173,7 +173,7 @@ contains
          integer :: column, f, from, group, item, n_ranges
 
          n_ranges = (last - first)/range + 1
-         call new_counter(world, n_ranges*columns%n_groups(), counter)
+         call new_counter(world, n_ranges*columns%n_groups, counter)
          do
             item = counter%next(stops=allocated(error))
             if (item == 0) exit
@@ -210,7 +210,7 @@ contains
       logical, intent(out) :: is_done
       real(wp), allocatable :: counts(:, :, :)
 
-      counts = selection%count_values()
+      counts = selection%counts
       call world%add_up(size(counts), counts)
       call selection%check(counts, is_done)
       if (.not. is_done) return

@@ -1,20 +1,5 @@
 !> Text of `entroslip --version`.
 module driver_version
-   implicit none(type, external)
-   private
-   public :: version_text
-
-   interface
-      !> Text on the program, how it was compiled, and the libraries that it runs with.
-      module function version_text() result(text)
-         character(:), allocatable :: text
-      end function version_text
-   end interface
-
-end module driver_version
-
-!> Apart from the module: gfortran 12 stumbles over types that reach the main program on two ways.
-submodule(driver_version) driver_version_libraries
    use, intrinsic :: iso_fortran_env, only: compiler_version
    use driver_build_info, only: architecture, build_type, compiler_flags, git_commit, version
    use io_hdf5, only: hdf5_library
@@ -23,11 +8,13 @@ submodule(driver_version) driver_version_libraries
    use numerics_nlopt, only: nlopt_library
    use parallel_world, only: mpi_library
    implicit none(type, external)
+   private
+   public :: version_text
 
 contains
 
-   !> Text of `entroslip --version`, in the libraries' own words.
-   module function version_text() result(text)
+   !> Text on the program, how it was compiled, and the libraries that it runs with, in their words.
+   function version_text() result(text)
       character(:), allocatable :: text
       character, parameter :: nl = new_line('a')
 
@@ -42,4 +29,4 @@ contains
              'NLopt         '//nlopt_library()
    end function version_text
 
-end submodule driver_version_libraries
+end module driver_version

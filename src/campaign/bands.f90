@@ -67,7 +67,7 @@ contains
       collector%n_dof = n_dof
       collector%n_frequencies = size(frequency)
       call start_columns(n_samples, n_dof*size(frequency), percentiles, collector%columns)
-      n_groups = collector%columns%n_groups()
+      n_groups = collector%columns%n_groups
       collector%seed = seed
       collector%step = frequency(2) - frequency(1)
       collector%last_of_range = last_of_ranges(size(frequency))
@@ -92,8 +92,8 @@ contains
       real(wp), intent(in), optional :: power(:, :, :)
       integer :: times(self%n_drawn, size(psd, 3)), ranking(size(psd, 3))
       real(wp) :: sorted(size(psd, 3)), again(self%n_drawn), weight
-      real(wp) :: rank(self%columns%n_percentiles(), 3)
-      real(wp) :: in_group(self%columns%n_percentiles())
+      real(wp) :: rank(self%columns%n_percentiles, 3)
+      real(wp) :: in_group(self%columns%n_percentiles)
       integer :: dof, f, p, before, place
 
       weight = self%step*(real(size(psd, 3), wp)/self%columns%n_samples)
@@ -155,7 +155,7 @@ contains
       integer :: b, before, g
 
       integral = 0.0_wp
-      do g = 1, self%columns%n_groups()
+      do g = 1, self%columns%n_groups
          before = (self%columns%group_first(g) - 1)/self%bin_width
          do b = 1, min(size(self%integral, 2), size(integral) - before)
             integral(before + b) = integral(before + b) + sum(self%integral(dof, b, :, g))
@@ -174,7 +174,7 @@ contains
 
       call self%columns%finish(1, self%n_dof*self%n_frequencies, densities)
       associate (n_dof => self%n_dof, nf => self%n_frequencies, &
-                 np => self%columns%n_percentiles())
+                 np => self%columns%n_percentiles)
          statistics%psd_mean = reshape(densities%mean, [n_dof, nf])
          statistics%psd_mean_error = reshape(densities%mean_error, [n_dof, nf])
          statistics%psd_percentiles = reshape(densities%percentiles, [n_dof, nf, np])

@@ -27,7 +27,8 @@ module campaign_columns
 
    !> Collects numbers of every sample.
    type :: column_collector
-      integer :: n_samples = 0
+      integer :: n_samples = 0, n_percentiles = 0
+      integer :: n_groups = 0   !! more than one: the percentiles of all samples are selected
       integer, allocatable :: group_first(:)   !! (group + 1) first sample; behind the last: n + 1
       real(wp), allocatable :: sums(:, :, :)   !! (sum, column, group) as sums_of has them
       real(wp), allocatable :: at(:, :, :)     !! (column, percentile; middle, low or high)
@@ -35,12 +36,9 @@ module campaign_columns
       !> (percentile; middle, low or high) in 1..n; 0 or n + 1 of an end beyond the samples
       real(wp), allocatable, private :: rank(:, :)
    contains
-      procedure :: n_groups
-      procedure :: n_percentiles
       procedure :: group_size
       procedure :: ranks_in_group
       procedure :: add
-      procedure :: has_selection
       procedure :: open_selection
       procedure :: take_selection
       procedure :: finish
@@ -68,7 +66,9 @@ contains
       integer :: p
 
       collector%n_samples = n_samples
+      collector%n_percentiles = size(percentiles)
       collector%group_first = sample_groups(n_samples)
+      collector%n_groups = size(collector%group_first) - 1
       collector%share_below = percentiles/100.0_wp
       allocate (collector%rank(size(percentiles), 3))
       collector%rank(:, middle) = 1.0_wp + (n_samples - 1)*percentiles/100.0_wp
@@ -76,21 +76,9 @@ contains
          collector%rank(p, low) = interval_rank(n_samples, collector%share_below(p), .false.)
          collector%rank(p, high) = interval_rank(n_samples, collector%share_below(p), .true.)
       end do
-      allocate (collector%sums(n_sums, n_columns, collector%n_groups()), &
+      allocate (collector%sums(n_sums, n_columns, collector%n_groups), &
                 collector%at(n_columns, size(percentiles), 3), source=0.0_wp)
    end subroutine start_columns
-
-   pure integer function n_groups(self)
-      class(column_collector), intent(in) :: self
-
-      n_groups = size(self%group_first) - 1
-   end function n_groups
-
-   pure integer function n_percentiles(self)
-      class(column_collector), intent(in) :: self
-
-      n_percentiles = size(self%rank, 1)
-   end function n_percentiles
 
    !> Number of a group's samples.
    pure integer function group_size(self, group)
@@ -105,7 +93,7 @@ contains
    pure function ranks_in_group(self, m) result(rank)
       class(column_collector), intent(in) :: self
       integer, intent(in) :: m
-      real(wp) :: rank(size(self%rank, 1), 3)   !! (percentile; middle, low or high)
+      real(wp) :: rank(self%n_percentiles, 3)   !! (percentile; middle, low or high)
 
       rank = self%rank*((m + 1)/(self%n_samples + 1.0_wp))
       rank = max(1.0_wp, min(rank, real(m, wp)))
@@ -127,7 +115,7 @@ contains
       real(wp), intent(out), optional :: in_group(:)   !! (percentile)
       integer, intent(out), optional :: ranking(:)     !! of the samples, ascending
       integer :: ascending(size(values)), p, which
-      real(wp) :: percentile(size(self%rank, 1), 3), rank(size(self%rank, 1), 3)
+      real(wp), dimension(self%n_percentiles, 3) :: percentile, rank
       real(wp) :: sorted(size(values))
 
       ascending = sort_order(values)
@@ -147,13 +135,6 @@ contains
       if (present(ranking)) ranking = ascending
    end subroutine add
 
-   !> True if the percentiles of all samples have to be selected: those of the groups are not them.
-   pure logical function has_selection(self)
-      class(column_collector), intent(in) :: self
-
-      has_selection = self%n_groups() > 1
-   end function has_selection
-
    !> Prepares to select the order statistics of all samples in columns first..last: those on both
    !> sides of each percentile, and the ends of its interval. The groups know the interval to a
    !> third of its width; its bracket is three times as wide.
@@ -162,10 +143,10 @@ contains
       integer, intent(in) :: first, last
       type(selection_type), intent(out) :: selection
       real(wp), parameter :: rounding = 1.0e-12_wp   ! of the mean over groups
-      real(wp) :: bracket(2, self%n_percentiles(), last - first + 1)
-      integer :: c, p, place(4, self%n_percentiles())
+      real(wp) :: bracket(2, self%n_percentiles, last - first + 1)
+      integer :: c, p, place(4, self%n_percentiles)
 
-      do p = 1, self%n_percentiles()
+      do p = 1, self%n_percentiles
          place(:, p) = [self%below(p), self%below(p) + 1, &
                         max(1, min(nint(self%rank(p, [low, high])), self%n_samples))]
          do c = first, last
@@ -187,7 +168,7 @@ contains
       integer :: c, p
 
       do c = 1, last - first + 1
-         do p = 1, self%n_percentiles()
+         do p = 1, self%n_percentiles
             below = selection%value(1, p, c)
             above = selection%value(2, p, c)
             self%at(first + c - 1, p, middle) = &
@@ -207,7 +188,7 @@ contains
       type(moments_type) :: moments(first:last)
       integer :: group, i
 
-      do group = 1, self%n_groups()
+      do group = 1, self%n_groups
          do i = first, last
             call moments(i)%join(self%sums(:, i, group))
          end do

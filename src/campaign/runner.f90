@@ -16,7 +16,7 @@ module campaign_runner
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: runner_type, prepare_runner, block_width, new_marcher
+   public :: runner_type, prepare_runner, block_width, layout_of, new_marcher
 
    integer, parameter :: widest_block = 32            !! samples marched together
    integer, parameter :: records_per_piece = 264      !! between two looks at the spectra
@@ -186,21 +186,28 @@ contains
    pure subroutine use_every(self, every)
       class(runner_type), intent(inout) :: self
       integer, intent(in) :: every
-      integer :: i, n
 
-      associate (layout => self%layout, plan => self%plan)
-         layout%every = every
-         layout%segment_length = plan%output%segment_length/every
-         layout%overlap = layout%segment_length/2
-         n = (plan%integration%n_steps - plan%integration%n_discard)/every
-         layout%n_segments = count_segments(n, layout%segment_length, layout%overlap)
-         layout%follows_power = can_follow_power(layout%n_segments) .and. &
-                                .not. plan%excitation%per_sample
-         layout%frequency = [(i/(layout%segment_length*every*plan%integration%dt), &
-                              i=0, layout%segment_length/2)]
-      end associate
+      self%layout = layout_of(self%plan, every)
       self%piece_steps = records_per_piece*every
    end subroutine use_every
+
+   !> Layout of the spectra of every k-th step.
+   pure function layout_of(plan, every) result(layout)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+      type(spectrum_layout) :: layout
+      integer :: i, n
+
+      layout%every = every
+      layout%segment_length = plan%output%segment_length/every
+      layout%overlap = layout%segment_length/2
+      n = (plan%integration%n_steps - plan%integration%n_discard)/every
+      layout%n_segments = count_segments(n, layout%segment_length, layout%overlap)
+      layout%follows_power = can_follow_power(layout%n_segments) .and. &
+                             .not. plan%excitation%per_sample
+      layout%frequency = [(i/(layout%segment_length*every*plan%integration%dt), &
+                           i=0, layout%segment_length/2)]
+   end function layout_of
 
    !> Samples of a block: as many as march well together, fewer where each carries a long record.
    pure function block_width(plan) result(width)

@@ -6,7 +6,7 @@
 !> as an integer, half of the interval is left each time, by the number of values up to its middle.
 !> Counts are sums over the ranks, so the result is the same on any number of them.
 !>
-!> `start_selection`; `add` all values; `check` the sums of `count_values`, and add all again while
+!> `start_selection`; `add` all values; `check` the sums of `counts`, and add all again while
 !> brackets missed; `halve` by the sums of `count_to_middle` until `is_done`; then `value`.
 module campaign_selection
    use core_kinds, only: long, wp
@@ -32,11 +32,11 @@ module campaign_selection
       real(wp), allocatable :: bracket(:, :, :)          !! (lower or upper end, percentile, column)
       logical, allocatable :: is_met(:, :)               !! (percentile, column) by all places
       type(kept_values), allocatable :: kept(:, :)       !! (percentile, column) of this rank
-      real(wp), allocatable :: counts(:, :, :)           !! (below or inside, percentile, column)
+      !> (below or inside, percentile, column) this rank's values
+      real(wp), allocatable, public :: counts(:, :, :)
       integer(long), allocatable :: low(:, :, :), high(:, :, :)   !! (target, percentile, column)
    contains
       procedure :: add
-      procedure :: count_values
       procedure :: check
       procedure :: count_to_middle
       procedure :: halve
@@ -95,14 +95,6 @@ contains
       kept%value(kept%n + 1:kept%n + size(values)) = values
       kept%n = kept%n + size(values)
    end subroutine keep
-
-   !> This rank's values below and inside of each bracket.
-   pure function count_values(self) result(counts)
-      class(selection_type), intent(in) :: self
-      real(wp), allocatable :: counts(:, :, :)   !! (below or inside, percentile, column)
-
-      counts = self%counts
-   end function count_values
 
    !> Checks the counts added over the ranks: starts to bisect once every bracket holds its order
    !> statistics. Else widens the others fully, and all values must be added again.

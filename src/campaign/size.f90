@@ -5,8 +5,8 @@ module campaign_size
    use campaign_columns, only: largest_group
    use campaign_plan, only: kept_dofs, output_settings, plan_type
    use campaign_pooling, only: case_pool, find_points, find_pools, plan_draws, reason_for_plain
-   use campaign_results, only: n_quantities
-   use campaign_runner, only: block_width
+   use campaign_results, only: n_quantities, spectrum_layout
+   use campaign_runner, only: block_width, layout_of
    use campaign_time_average, only: count_spans, fewest_spans
    use core_chunks, only: frequencies_together, stored_bytes
    use core_error, only: error_type, exit_bad_input, raise
@@ -14,7 +14,7 @@ module campaign_size
    use core_memory, only: gives_memory
    use core_text, only: to_text
    use numerics_correlated, only: n_batches
-   use numerics_spectrum, only: can_follow_power, count_segments, last_of_ranges
+   use numerics_spectrum, only: last_of_ranges
    use numerics_statistics, only: n_sums
    use process_direct_sign_search, only: max_listed
    use process_model, only: process_model_type, process_request
@@ -192,14 +192,11 @@ contains
    pure integer function n_powers(plan, every)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
-      integer :: length, n_values
+      type(spectrum_layout) :: layout
 
+      layout = layout_of(plan, every)
       n_powers = 0
-      length = plan%output%segment_length/every
-      n_values = (plan%integration%n_steps - plan%integration%n_discard)/every
-      if (plan%excitation%per_sample) return
-      if (can_follow_power(count_segments(n_values, length, length/2))) &
-         n_powers = n_batches*size(last_of_ranges(n_frequencies(plan, every)))
+      if (layout%follows_power) n_powers = n_batches*size(last_of_ranges(size(layout%frequency)))
    end function n_powers
 
    !> Largest resident memory of a rank [byte]: of realizations, the march, or statistics. The

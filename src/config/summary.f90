@@ -211,6 +211,8 @@ contains
    function motion_text(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text, method, steps
+      real(wp), parameter :: fewest_steps = 10.0_wp   ! the period is wrong by (omega dt)^2/12: 3 %
+      real(wp) :: finest
 
       associate (chain => plan%structure, how => plan%integration, excitation => plan%excitation, &
                  n => plan%structure%n_dof)
@@ -226,8 +228,13 @@ contains
                  duration(how%n_steps*how%dt)
          if (how%n_discard > 0) steps = steps//', the first '//to_text(how%n_discard)//' discarded'
          text = text//labelled('integration', method//', '//steps)
-         if (how%method == 'newmark') &
-            text = text//resolution_text(chain%frequencies_stuck(n)*how%dt)
+         if (how%method == 'newmark') then   ! the exact march has no error of periods
+            finest = 1.0_wp/(chain%frequencies_stuck(n)*how%dt)
+            text = text//labelled('resolution', brief(finest)// &
+                                  ' steps in a period of the fastest mode'// &
+                                  trim(merge(': newmark distorts it', '                     ', &
+                                             finest < fewest_steps)))
+         end if
          if (plan%output%spectrum) text = text//labelled('spectra', spectra_text(plan))
       end associate
    end function motion_text
@@ -297,18 +304,6 @@ contains
             text = text//', where process%mean is '//brief(plan%processes(1)%mean)
       end associate
    end function friction_text
-
-   !> Text on how finely the paper's scheme resolves the fastest mode: its period error is (omega
-   !> dt)^2/12, 3 % of a period of ten steps. The exact march has none.
-   pure function resolution_text(share) result(text)
-      real(wp), intent(in) :: share   !! of a step in the period of the fastest mode
-      character(:), allocatable :: text
-      real(wp), parameter :: fewest_steps = 10.0_wp
-
-      text = brief(1.0_wp/share)//' steps in a period of the fastest mode'
-      if (share*fewest_steps > 1.0_wp) text = text//': newmark distorts it'
-      text = labelled('resolution', text)
-   end function resolution_text
 
    !> Text on which samples serve one regression, and on their time; pools of one size are counted.
    pure function estimates_text(plan, seconds, n_ranks) result(text)

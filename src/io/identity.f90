@@ -94,31 +94,38 @@ contains
       character(*), intent(in) :: theirs, ours   !! as in identity_type
       character(:), allocatable :: text
       integer, parameter :: most_named = 3
-      character(:), allocatable :: value
-      integer :: first, last, n, separator
+      integer :: n
 
       text = ''
       n = 0
-      first = 1
-      do while (first <= len(theirs))
-         last = first + index(theirs(first:)//new_line('a'), new_line('a')) - 2
-         separator = first + index(theirs(first:last)//' = ', ' = ') - 1
-         value = value_of(theirs(first:separator - 1), ours)
-         if (value /= theirs(separator + 3:last)) &
-            call add(theirs(first:separator - 1), theirs(separator + 3:last), value)
-         first = last + 2
-      end do
-      first = 1
-      do while (first <= len(ours))
-         last = first + index(ours(first:)//new_line('a'), new_line('a')) - 2
-         separator = first + index(ours(first:last)//' = ', ' = ') - 1
-         if (value_of(ours(first:separator - 1), theirs) == unused) &
-            call add(ours(first:separator - 1), unused, ours(separator + 3:last))
-         first = last + 2
-      end do
+      call compare(theirs, ours, .false.)
+      call compare(ours, theirs, .true.)
       if (n > most_named) text = text//' and '//to_text(n - most_named)//' more'
 
    contains
+
+      !> Adds the values that differ; of ours only those that the file does not use.
+      subroutine compare(these, others, are_ours)
+         character(*), intent(in) :: these, others
+         logical, intent(in) :: are_ours
+         character(:), allocatable :: name, other, value
+         integer :: first, last, separator
+
+         first = 1
+         do while (first <= len(these))
+            last = first + index(these(first:)//new_line('a'), new_line('a')) - 2
+            separator = first + index(these(first:last)//' = ', ' = ') - 1
+            name = these(first:separator - 1)
+            value = these(separator + 3:last)
+            other = value_of(name, others)
+            if (are_ours) then
+               if (other == unused) call add(name, unused, value)
+            else if (other /= value) then
+               call add(name, value, other)
+            end if
+            first = last + 2
+         end do
+      end subroutine compare
 
       subroutine add(name, value, our_value)
          character(*), intent(in) :: name, value, our_value
