@@ -17,7 +17,6 @@ module driver_judge_results
    use driver_statistics, only: case_task, open_case
    use io_error_results, only: case_errors, read_errors
    use io_gathering, only: stored_samples
-   use parallel_world, only: world_type
    use process_model, only: process_model_type
    implicit none(type, external)
    private
@@ -179,8 +178,7 @@ contains
    !> Adds whole increments of samples to the cases that have not met the target and can by samples,
    !> where the scene samples until it is met. Each decision follows from the first samples alone:
    !> it is the same at any time and on any number of ranks. Collective.
-   subroutine take_more(world, models, increment, plan, output, has_more, error)
-      type(world_type), intent(in) :: world
+   subroutine take_more(models, increment, plan, output, has_more, error)
       type(process_model_type), intent(in) :: models(:)
       integer, intent(in) :: increment   !! samples
       type(plan_type), intent(inout) :: plan
@@ -192,22 +190,21 @@ contains
 
       has_more = .false.
       if (.not. plan%accuracy%sample_until_met) return
-      call estimate_slip(world, plan, models, output, estimates, error)
-      if (world%any_true(allocated(error))) return
+      call estimate_slip(plan, models, output, estimates, error)
+      if (output%world%any_true(allocated(error))) return
       n_samples = plan%cases%n_samples
-      if (world%is_root()) call decide(plan, increment, estimates, n_samples)
-      call world%broadcast(n_samples)
+      if (output%world%is_root()) call decide(plan, increment, estimates, n_samples)
+      call output%world%broadcast(n_samples)
       has_more = any(n_samples > plan%cases%n_samples)
       if (.not. has_more) return
       plan%cases%n_samples = n_samples
       call add_audits(plan)
-      call output%look_again(world, plan, error)
+      call output%look_again(plan, error)
    end subroutine take_more
 
    !> Computes the best estimates of the slip fractions from the samples that are stored.
    !> Collective.
-   subroutine estimate_slip(world, plan, models, output, estimates, error)
-      type(world_type), intent(in) :: world
+   subroutine estimate_slip(plan, models, output, estimates, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
       type(output_type), intent(in) :: output
@@ -218,16 +215,17 @@ contains
       type(case_task) :: task
       integer :: i
 
-      call list_stored(world, output%store, stored, error)
-      if (world%any_true(allocated(error))) return
+      call list_stored(output%world, output%store, stored, error)
+      if (output%world%any_true(allocated(error))) return
       do i = 1, size(plan%cases)
          if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
-         call open_case(world, plan, i, task)
+         call open_case(output%world, plan, i, task)
          call task%take_items(stored, error)
-         call task%close(world, plan, stored, statistics(i), error)
-         if (world%any_true(allocated(error))) return
+         call task%close(output%world, plan, stored, statistics(i), error)
+         if (output%world%any_true(allocated(error))) return
       end do
-      call find_estimates(world, plan, models, stored, [real(wp) ::], statistics, estimates, error)
+      call find_estimates(output%world, plan, models, stored, [real(wp) ::], statistics, &
+                          estimates, error)
    end subroutine estimate_slip
 
    !> Chooses the number of samples that each case goes on to.

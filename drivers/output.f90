@@ -7,7 +7,7 @@ module driver_output
    use campaign_size, only: refuse_long_lists
    use campaign_study, only: block_range
    use config_plan, only: scene_name
-   use config_scene, only: scene_type
+   use config_scene, only: override_text, scene_type
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use core_terminal, only: say_line => say
@@ -23,13 +23,16 @@ module driver_output
    use io_lock, only: lock_type, take_lock
    use io_shards, only: list_shards, named_shard, remove_covered, shard_type, verify_shard
    use io_store, only: new_store, remove_leftovers, remove_store, shard_store
-   use parallel_world, only: world_type
+   use parallel_world, only: stop_world, world_type
    implicit none(type, external)
    private
    public :: output_type, open_anew, open_output
 
    !> The results file of a run and the shards on the way to it.
    type :: output_type
+      type(world_type) :: world                      !! the ranks that share it
+      character(:), allocatable :: scene             !! text of it
+      character(:), allocatable :: overrides         !! --set options, each with its line feed
       character(:), allocatable :: path
       type(shard_store) :: store
       logical :: is_quiet = .false.
@@ -45,7 +48,7 @@ module driver_output
       procedure :: look_again
       procedure :: say
       procedure :: stop_on
-      procedure :: release
+      procedure :: end_run
    end type output_type
 
 contains
@@ -63,7 +66,7 @@ contains
 
       call name_output(world, line, scene, ending, output)
       if (world%is_root()) call clear_place(output, error)
-      call output%stop_on(world, error)
+      call output%stop_on(error)
       call tell_folder(output%path, output%lock%n_folders, output%is_quiet)
    end subroutine open_anew
 
@@ -81,6 +84,9 @@ contains
       if (allocated(line%output)) output%path = line%output
       call follow_links(output%path, error)
       call world%stop_on(error)
+      output%world = world
+      output%scene = scene%text
+      output%overrides = override_text(line%overrides)
       output%store = new_store(output%path, identity_of(scene, line%command))
       output%is_quiet = line%is_quiet .or. .not. world%is_root()
    end subroutine name_output
@@ -117,23 +123,23 @@ contains
       output%is_shared = line%is_shared
       if (output%is_shared) then
          if (world%is_root()) call find_stored(plan, output, error)
-         call output%stop_on(world, error)
+         call output%stop_on(error)
          if (.not. world%is_root()) &
             call take_lock(output%path, output%lock, error, is_shared=.true.)
       else if (world%is_root()) then
          call find_finished(line%is_fresh, plan, output, error)
       end if
-      call output%stop_on(world, error)
+      call output%stop_on(error)
       call tell_folder(output%path, output%lock%n_folders, output%is_quiet)
       output%is_complete = world%any_true(output%is_complete)   ! the root knows
       if (.not. (output%is_shared .or. output%is_complete)) then
          call list_stored(world, output%store, stored, error)
          if (.not. allocated(error)) call verify_shards(world, stored, error)
-         call output%stop_on(world, error)
+         call output%stop_on(error)
          call mark_finished(plan, stored%shards, output)
          call say_continuing(plan, output)
       end if
-      call share_finished(world, output)
+      call share_finished(output)
    end subroutine open_output
 
    !> Takes the lock, takes up what an earlier run left, and clears away what no run can use.
@@ -283,21 +289,19 @@ contains
    end function are_same
 
    !> Tells all ranks what the root found; collective.
-   subroutine share_finished(world, output)
-      type(world_type), intent(in) :: world
+   subroutine share_finished(output)
       type(output_type), intent(inout) :: output
       integer, allocatable :: numbers(:)
 
       numbers = merge(1, 0, reshape(output%is_finished, [size(output%is_finished)]))
-      call world%broadcast(numbers)
+      call output%world%broadcast(numbers)
       output%is_finished = reshape(numbers == 1, shape(output%is_finished))
    end subroutine share_finished
 
    !> Looks again which samples are stored, after the plan has grown or other runs were at work.
    !> Collective.
-   subroutine look_again(self, world, plan, error)
+   subroutine look_again(self, plan, error)
       class(output_type), intent(inout) :: self
-      type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
@@ -306,9 +310,9 @@ contains
       call move_alloc(self%is_finished, before)
       allocate (self%is_finished(maxval(plan%cases%n_samples), size(plan%cases)), source=.false.)
       self%is_finished(:size(before, 1), :) = before
-      if (world%is_root()) call list_shards(self%store, shards, error)
+      if (self%world%is_root()) call list_shards(self%store, shards, error)
       if (allocated(shards)) call mark_finished(plan, shards, self)
-      call share_finished(world, self)
+      call share_finished(self)
    end subroutine look_again
 
    !> True if a block is this rank's to march; beside other runs, if none of them has it.
@@ -363,25 +367,26 @@ contains
 
    !> Ends the run on an error of any rank, the output unlocked first. Another run that has taken
    !> the output is the reason of whatever went wrong. Collective.
-   subroutine stop_on(self, world, error)
+   subroutine stop_on(self, error)
       class(output_type), intent(inout) :: self
-      type(world_type), intent(in) :: world
       type(error_type), allocatable, intent(in) :: error
-      type(error_type), allocatable :: reason
+      type(error_type), allocatable :: ignored, reason
 
-      if (.not. world%any_true(allocated(error))) return
+      if (.not. self%world%any_true(allocated(error))) return
       call self%lock%keep(reason)
       if (allocated(error) .and. .not. allocated(reason)) reason = error
-      call self%release()
-      call world%stop_on(reason)
+      call self%lock%release(ignored)
+      call self%world%stop_on(reason)
    end subroutine stop_on
 
-   !> Gives the output back; what is finished stays.
-   subroutine release(self)
+   !> Ends the program, the output unlocked first; what is finished stays. Collective.
+   subroutine end_run(self, exit_code)
       class(output_type), intent(inout) :: self
+      integer, intent(in) :: exit_code
       type(error_type), allocatable :: ignored   ! a lock file that stays behind locks nobody out
 
       call self%lock%release(ignored)
-   end subroutine release
+      call stop_world(exit_code)
+   end subroutine end_run
 
 end module driver_output

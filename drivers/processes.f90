@@ -72,7 +72,7 @@ contains
       end do
       first = first_of_fit(plan%processes)
       owner = -1
-      if (present(output)) call take_kept(world, output, models, owner, failure)
+      if (present(output)) call take_kept(output, models, owner, failure)
       is_missing = owner < 0
       if (present(only)) is_missing = is_missing .and. [(i == only, i=1, size(models))]
       shares = all_shares(resolved, [(any(is_missing .and. first == i), i=1, size(models))])
@@ -146,8 +146,7 @@ contains
    end subroutine hand_out
 
    !> Reads the processes of an earlier run on the root, for all ranks to leave out. Collective.
-   subroutine take_kept(world, output, models, owner, error)
-      type(world_type), intent(in) :: world
+   subroutine take_kept(output, models, owner, error)
       type(output_type), intent(in) :: output
       type(process_model_type), intent(inout) :: models(:)
       integer, intent(inout) :: owner(:)   !! (process): the root, where it is there
@@ -155,14 +154,14 @@ contains
       integer, allocatable :: known(:)
       logical :: is_kept(size(models))
 
-      if (world%is_root()) then
+      if (output%world%is_root()) then
          call read_kept(output%store, models, is_kept, error)
          if (any(is_kept) .and. .not. allocated(error)) &
             call output%say('continuing: '//to_text(count(is_kept))//' of '// &
                             counted(size(is_kept), 'process is', 'processes are')//' there')
          known = merge(0, owner, is_kept)
       end if
-      call world%broadcast(known)
+      call output%world%broadcast(known)
       owner = known
    end subroutine take_kept
 

@@ -1,14 +1,14 @@
 !> Where results come from: the scene, the program, the machine.
 module driver_provenance
    use, intrinsic :: iso_fortran_env, only: compiler_version
+   use campaign_plan, only: plan_type
    use config_fingerprint, only: canonical_text, fingerprint
    use config_scene, only: scene_type
    use core_error, only: error_type
    use driver_build_info, only: architecture, compiler_flags, git_commit, version
-   use driver_command_line, only: command_line
    use io_hdf5, only: hdf5_file, hdf5_object, object_of
    use io_identity, only: identity_type
-   use io_store, only: begin_file, discard_file
+   use io_store, only: begin_file, discard_file, shard_store
    implicit none(type, external)
    private
    public :: begin_results, identity_of
@@ -28,32 +28,26 @@ contains
       identity%command = command
    end function identity_of
 
-   !> Creates the file of results that takes a path when it is finished, and writes where they come
-   !> from. What differs between two equal runs stands in attributes of the file alone.
-   subroutine begin_results(path, scene, line, title, n_ranks, file, error)
-      character(*), intent(in) :: path, title
-      type(scene_type), intent(in) :: scene
-      type(command_line), intent(in) :: line
+   !> Creates the results file of a store, and writes where the results come from. What differs
+   !> between two equal runs stands in attributes of the file alone.
+   subroutine begin_results(store, plan, scene, overrides, n_ranks, file, error)
+      type(shard_store), intent(in) :: store
+      type(plan_type), intent(in) :: plan
+      character(*), intent(in) :: scene       !! its text
+      character(*), intent(in) :: overrides   !! --set options, each with its line feed
       integer, intent(in) :: n_ranks
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_object) :: root
-      character(:), allocatable :: overrides
-      integer :: i
 
-      call begin_file(path, identity_of(scene, line%command), file, error)
+      call begin_file(store%output, store%identity, file, error)
       if (allocated(error)) return
-      overrides = ''
-      do i = 1, size(line%overrides)
-         if (i > 1) overrides = overrides//new_line('a')
-         overrides = overrides//trim(line%overrides(i))
-      end do
       root = object_of(file, '/')
-      call root%attribute('seed', scene%heading%seed)
+      call root%attribute('seed', plan%seed)
       call root%attribute('n_ranks', n_ranks)
-      call root%attribute('title', title)
-      call root%attribute('scene', scene%text)
-      call root%attribute('overrides', overrides)
+      call root%attribute('title', plan%title)
+      call root%attribute('scene', scene)
+      call root%attribute('overrides', overrides(:len(overrides) - 1))
       call root%attribute('git_commit', git_commit)
       call root%attribute('compiler', compiler_version())
       call root%attribute('flags', compiler_flags)

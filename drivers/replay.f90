@@ -21,7 +21,7 @@ module driver_replay
    use driver_run, only: end_if_asked, prepare_march
    use io_shards, only: write_shard
    use io_store, only: remove_store
-   use parallel_world, only: start_world, stop_world, world_type
+   use parallel_world, only: start_world, world_type
    use process_model, only: process_model_type
    implicit none(type, external)
    private
@@ -53,24 +53,23 @@ contains
       call open_anew(world, line, scene, ending_of(line), output)
       call keep_everything(plan)
       call prepare_march(world, plan, force, runner, error)
-      call output%stop_on(world, error)
+      call output%stop_on(error)
       call solve_processes(world, plan, output%is_quiet, models, &
                            only=plan%cases(line%case_number)%process)
       call refuse_unsolved(plan, models, error)
-      call output%stop_on(world, error)
-      call end_if_asked(world, output)
+      call output%stop_on(error)
+      call end_if_asked(output)
       if (world%is_root()) call march_again(line, models, runner, output, error)
       call clear_away(output, error)
-      call output%stop_on(world, error)
-      call end_if_asked(world, output)
+      call output%stop_on(error)
+      call end_if_asked(output)
       call keep_sample(line, runner%plan)
-      call write_results(world, line, scene, runner%plan, models, runner, output, error)
+      call write_results(runner%plan, models, runner, output, error)
       call clear_away(output, error)
-      call output%stop_on(world, error)
+      call output%stop_on(error)
       call output%say(output%path//': its history, transitions and energies. Draw it: '// &
                       'python -m entroslip '//output%path//' --out figures')
-      call output%release()
-      call stop_world(exit_done)
+      call output%end_run(exit_done)
    end subroutine replay
 
    !> Refuses a case or a sample that the campaign does not have.

@@ -6,12 +6,10 @@ module driver_results
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_results, only: block_result, case_statistics, spectrum_layout
    use campaign_runner, only: runner_type
-   use config_scene, only: scene_type
    use core_chunks, only: frequencies_together
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_random, only: new_stream, stream_type
-   use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far
    use driver_output, only: output_type
    use driver_provenance, only: begin_results
@@ -27,7 +25,6 @@ module driver_results
    use io_results, only: begin_case, finish_case, finish_results, write_structure
    use io_shards, only: remove_covered
    use io_store, only: discard_file
-   use parallel_world, only: world_type
    use process_model, only: process_model_type, request_label
    use process_realization, only: draw_points
    implicit none(type, external)
@@ -38,10 +35,7 @@ contains
 
    !> Writes the results file and removes the shards it was made of; those of further samples stay.
    !> The root writes, all ranks share the statistics; collective.
-   subroutine write_results(world, line, scene, plan, models, runner, output, error)
-      type(world_type), intent(in) :: world
-      type(command_line), intent(in) :: line
-      type(scene_type), intent(in) :: scene
+   subroutine write_results(plan, models, runner, output, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
       type(runner_type), intent(in) :: runner
@@ -49,15 +43,16 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
 
-      if (world%is_root()) &
-         call begin_results(output%path, scene, line, plan%title, world%n_ranks, file, error)
-      if (world%any_true(allocated(error))) return
-      if (world%is_root()) call write_processes(plan, models, file, error)
-      if (.not. world%any_true(allocated(error)) .and. plan%has_structure) &
-         call write_cases(world, plan, models, runner, output, file, error)
-      if (world%any_true(allocated(error))) then
-         if (world%is_root()) call discard_file(file)
-      else if (world%is_root()) then
+      if (output%world%is_root()) &
+         call begin_results(output%store, plan, output%scene, output%overrides, &
+                            output%world%n_ranks, file, error)
+      if (output%world%any_true(allocated(error))) return
+      if (output%world%is_root()) call write_processes(plan, models, file, error)
+      if (.not. output%world%any_true(allocated(error)) .and. plan%has_structure) &
+         call write_cases(plan, models, runner, output, file, error)
+      if (output%world%any_true(allocated(error))) then
+         if (output%world%is_root()) call discard_file(file)
+      else if (output%world%is_root()) then
          call finish_results(file, output%lock, seconds_so_far(), error)
          if (.not. allocated(error)) &
             call remove_covered(output%store, output%lock, [plan%cases%n_samples], error)
@@ -93,8 +88,7 @@ contains
    !> Writes the structure, then case by case. While the root writes the long data of a case and
    !> the small data of the next one, the other ranks compute statistics of that. Then writes the
    !> best estimates of all cases, which use samples of several. Collective.
-   subroutine write_cases(world, plan, models, runner, output, file, error)
-      type(world_type), intent(in) :: world
+   subroutine write_cases(plan, models, runner, output, file, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
       type(runner_type), intent(in) :: runner
@@ -109,33 +103,33 @@ contains
       integer, allocatable :: numbers(:)
       integer :: i, k
 
-      if (world%is_root()) call write_structure(file, plan, error)
-      if (world%any_true(allocated(error))) return
-      call list_stored(world, output%store, stored, error)
-      if (world%any_true(allocated(error))) return
+      if (output%world%is_root()) call write_structure(file, plan, error)
+      if (output%world%any_true(allocated(error))) return
+      call list_stored(output%world, output%store, stored, error)
+      if (output%world%any_true(allocated(error))) return
       if (plan%output%spectrum .and. .not. plan%output%samples) then   ! else finish_case reads them
-         call verify_shards(world, stored, error)
-         if (world%any_true(allocated(error))) return
+         call verify_shards(output%world, stored, error)
+         if (output%world%any_true(allocated(error))) return
       end if
       numbers = pack([(i, i=1, size(plan%cases))], &
                      plan%cases%n_samples > 0 .and. plan%cases%audits == 0)
       if (size(numbers) > 0) call open_task(1)
       do k = 1, size(numbers)
          associate (task => tasks(modulo(k, 2)), number => numbers(k))
-            if (world%is_root() .and. .not. allocated(error)) &
+            if (output%world%is_root() .and. .not. allocated(error)) &
                call begin(plan, number, runner, stored, file, groups(number), error)
             call task%take_items(stored, error)
-            call task%close(world, plan, stored, statistics(number), error)
-            if (world%any_true(allocated(error))) return
+            call task%close(output%world, plan, stored, statistics(number), error)
+            if (output%world%any_true(allocated(error))) return
             if (k < size(numbers)) call open_task(k + 1)
-            if (world%is_root()) &
+            if (output%world%is_root()) &
                call finish(plan, number, runner, stored, file, groups(number), error)
          end associate
       end do
-      if (world%any_true(allocated(error))) return
-      call find_estimates(world, plan, models, stored, kept_frequencies(plan, runner), statistics, &
-                          estimates, error)
-      if (allocated(error) .or. .not. world%is_root()) return
+      if (output%world%any_true(allocated(error))) return
+      call find_estimates(output%world, plan, models, stored, kept_frequencies(plan, runner), &
+                          statistics, estimates, error)
+      if (allocated(error) .or. .not. output%world%is_root()) return
       do k = 1, size(numbers)
          call write_estimates(groups(numbers(k)), plan, statistics(numbers(k)), &
                               estimates(numbers(k)), error)
@@ -147,7 +141,7 @@ contains
       subroutine open_task(place)
          integer, intent(in) :: place
 
-         call open_case(world, plan, numbers(place), tasks(modulo(place, 2)), runner%layout)
+         call open_case(output%world, plan, numbers(place), tasks(modulo(place, 2)), runner%layout)
       end subroutine open_task
 
    end subroutine write_cases

@@ -63,37 +63,35 @@ contains
             call output%say(output%path//' is complete: nothing to do'//surplus_text(plan, output))
             call judge(output%path, plan, error)
          end if
-         call output%stop_on(world, error)
-         call output%release()
-         call stop_world(exit_done)
+         call output%stop_on(error)
+         call output%end_run(exit_done)
          return
       end if
 
       if (choice /= '') call output%say(choice)
       call solve_processes(world, plan, output%is_quiet, models, output, error)
-      call output%stop_on(world, error)
-      call end_if_asked(world, output)
+      call output%stop_on(error)
+      call end_if_asked(output)
       call refuse_unsolved(plan, models, error)
       if (allocated(error) .and. world%is_root()) call remove_kept(output%store, ignored)
-      call output%stop_on(world, error)
+      call output%stop_on(error)
       call tell_solutions(models, output)
       if (plan%has_structure) then
          call prepare_march(world, plan, force, runner, error)
-         call output%stop_on(world, error)
-         call march_until_met(world, models, runner, output)
+         call output%stop_on(error)
+         call march_until_met(models, runner, output)
          plan = runner%plan
          if (output%is_shared) then
-            call leave_merging(world, plan, output)
+            call leave_merging(plan, output)
             return
          end if
       end if
-      call write_results(world, line, scene, plan, models, runner, output, error)
-      call output%stop_on(world, error)
-      call conclude(world, plan, output)
+      call write_results(plan, models, runner, output, error)
+      call output%stop_on(error)
+      call conclude(plan, output)
       if (world%is_root()) call judge(output%path, plan, error)
-      call output%stop_on(world, error)
-      call output%release()
-      call stop_world(exit_done)
+      call output%stop_on(error)
+      call output%end_run(exit_done)
    end subroutine run
 
    !> Text on samples in the results beyond those that the scene asks for, and on estimates of them
@@ -128,16 +126,15 @@ contains
    end subroutine check_share
 
    !> Ends one of several runs on an output: what it leaves is for a plain run to merge. Collective.
-   subroutine leave_merging(world, plan, output)
-      type(world_type), intent(in) :: world
+   subroutine leave_merging(plan, output)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
       type(error_type), allocatable :: error
       integer :: n
 
-      call output%look_again(world, plan, error)
-      call output%stop_on(world, error)
-      if (world%is_root()) then
+      call output%look_again(plan, error)
+      call output%stop_on(error)
+      if (output%world%is_root()) then
          n = sum(plan%cases%n_samples) - count(output%is_finished)
          if (n == 0) then
             call output%say('every sample is there: run without --share to make '//output%path)
@@ -146,8 +143,7 @@ contains
                             counted(n, 'sample', 'samples')//'; in the end, run without --share')
          end if
       end if
-      call output%release()
-      call stop_world(exit_done)
+      call output%end_run(exit_done)
    end subroutine leave_merging
 
    !> Prepares the marcher, the force record and the layout of the spectra, the same on every rank.
@@ -173,8 +169,7 @@ contains
 
    !> Marches all samples of the plan, and more until its target is met. Ends the run on errors and
    !> when asked to. Collective.
-   subroutine march_until_met(world, models, runner, output)
-      type(world_type), intent(in) :: world
+   subroutine march_until_met(models, runner, output)
       type(process_model_type), intent(in) :: models(:)
       type(runner_type), intent(inout) :: runner
       type(output_type), intent(inout) :: output
@@ -185,19 +180,18 @@ contains
       increment = maxval(runner%plan%cases%n_samples)
       has_more = .true.
       do while (has_more)
-         call march_campaign(world, models, runner, output, error)
-         call output%stop_on(world, error)
-         call end_if_asked(world, output)
-         call take_more(world, models, increment, runner%plan, output, has_more, error)
-         call output%stop_on(world, error)
+         call march_campaign(models, runner, output, error)
+         call output%stop_on(error)
+         call end_if_asked(output)
+         call take_more(models, increment, runner%plan, output, has_more, error)
+         call output%stop_on(error)
       end do
    end subroutine march_until_met
 
    !> Marches every sample that has no shard yet: ranks claim samples, march them, and keep them as
    !> shards. Ends when all are done, or early when a rank is asked to stop or meets an error.
    !> Collective.
-   subroutine march_campaign(world, models, runner, output, error)
-      type(world_type), intent(in) :: world
+   subroutine march_campaign(models, runner, output, error)
       type(process_model_type), intent(in) :: models(:)
       type(runner_type), intent(inout) :: runner
       type(output_type), intent(inout) :: output
@@ -210,15 +204,16 @@ contains
 
       ! runs that share an output tell each other's blocks by the names of their shards
       claims = open_claims(runner%plan, output%is_finished, &
-                           merge(1, world%n_ranks, output%is_shared))
-      call new_counter(world, size(claims), counter)
+                           merge(1, output%world%n_ranks, output%is_shared))
+      call new_counter(output%world, size(claims), counter)
       if (.not. output%is_quiet) call progress%start(sum(runner%plan%cases%n_samples), &
                                                      count(output%is_finished))
       is_abandoned = .false.
       do
          item = counter%next(stops=allocated(error) .or. is_abandoned)
          if (item == 0) exit
-         call progress%show(samples_before(claims, item, world%n_ranks) + count(output%is_finished))
+         call progress%show(samples_before(claims, item, output%world%n_ranks) &
+                            + count(output%is_finished))
          if (.not. output%take(claims(item))) cycle
          call march_claim(models, claims(item), runner, output%store, is_abandoned, error)
          if (.not. allocated(error)) call output%lock%keep(error)
@@ -283,28 +278,25 @@ contains
    end function samples_before
 
    !> Ends the run, what is finished kept, when any rank has been asked to stop; collective.
-   subroutine end_if_asked(world, output)
-      type(world_type), intent(in) :: world
+   subroutine end_if_asked(output)
       type(output_type), intent(inout) :: output
 
-      if (.not. world%any_true(time_to_stop())) return
+      if (.not. output%world%any_true(time_to_stop())) return
       call output%say('stopped early; what is finished is safe: start again to continue')
-      call output%release()
-      call stop_world(exit_stopped)
+      call output%end_run(exit_stopped)
    end subroutine end_if_asked
 
    !> Prints what was done, how long it took, and its errors. Collective.
-   subroutine conclude(world, plan, output)
-      type(world_type), intent(in) :: world
+   subroutine conclude(plan, output)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
       character(:), allocatable :: errors
       type(error_type), allocatable :: error
 
       errors = ''
-      if (world%is_root() .and. plan%has_structure) &
+      if (output%world%is_root() .and. plan%has_structure) &
          call tell_errors(output%path, plan, errors, error)
-      call output%stop_on(world, error)
+      call output%stop_on(error)
       if (errors /= '') errors = '; '//errors
       call output%say(summary(plan, output))
       call output%say(duration(seconds_so_far())//errors)

@@ -20,7 +20,7 @@ module driver_tradeoff
    use io_results, only: finish_results
    use io_store, only: discard_file
    use io_tradeoff_results, only: tradeoff_findings, write_tradeoff
-   use parallel_world, only: start_world, stop_world, world_type
+   use parallel_world, only: start_world, world_type
    use process_model, only: process_model_type
    use tradeoff_effects, only: variant_rows_of
    use tradeoff_front, only: components_of, rows_of, size_rows_of, spectrum_rows_of
@@ -60,19 +60,18 @@ contains
       call open_anew(world, line, scene, '_tradeoff.h5', output)
       call solve_processes(world, plan, output%is_quiet, models)
       call refuse_unsolved(plan, models, error)
-      call output%stop_on(world, error)
+      call output%stop_on(error)
       is_stopped = world%any_true(time_to_stop())
       if (plan%has_structure .and. .not. is_stopped) &
          call measure_march(world, plan, force, models, output%is_quiet, found, is_stopped, error)
-      call output%stop_on(world, error)
+      call output%stop_on(error)
       if (world%is_root() .and. .not. is_stopped) then
          call compare_orders(plan, found%orders)
          call output%say(text_of(scene, plan, models, found, world%n_ranks)//output%path)
-         call write_findings(output, line, scene, plan, found, world%n_ranks, error)
+         call write_findings(output, plan, found, error)
       end if
-      call output%stop_on(world, error)
-      call output%release()
-      call stop_world(merge(exit_stopped, exit_done, is_stopped))
+      call output%stop_on(error)
+      call output%end_run(merge(exit_stopped, exit_done, is_stopped))
    end subroutine tradeoff
 
    !> Measures settings, spectra and the components of the error. Collective.
@@ -148,17 +147,15 @@ contains
    end function text_of
 
    !> Writes the file, whole or not at all.
-   subroutine write_findings(output, line, scene, plan, found, n_ranks, error)
+   subroutine write_findings(output, plan, found, error)
       type(output_type), intent(inout) :: output
-      type(command_line), intent(in) :: line
-      type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
       type(tradeoff_findings), intent(in) :: found
-      integer, intent(in) :: n_ranks
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
 
-      call begin_results(output%path, scene, line, plan%title, n_ranks, file, error)
+      call begin_results(output%store, plan, output%scene, output%overrides, &
+                         output%world%n_ranks, file, error)
       if (allocated(error)) return
       call write_tradeoff(file, plan, found, error)
       if (allocated(error)) then

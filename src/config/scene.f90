@@ -13,7 +13,7 @@ module config_scene
    use structure_sizes, only: most_dofs
    implicit none(type, external)
    private
-   public :: complaint_list, parse_scene, read_scene, scene_type
+   public :: complaint_list, override_text, parse_scene, read_scene, scene_type
 
    integer, parameter :: most_bytes = 16*1024**2   !! whoever exceeds it did not mean a scene
 
