@@ -18,7 +18,7 @@ module driver_choose_setting
    use driver_trial_runs, only: measure_settings
    use parallel_world, only: stop_world, world_type
    use tradeoff_front, only: best, cheapest, keeps, rows_of, setting_row
-   use tradeoff_settings, only: setting_type
+   use tradeoff_settings, only: use_setting
    use tradeoff_tasks, only: scope_type, tradeoff_type
    implicit none(type, external)
    private
@@ -57,28 +57,13 @@ contains
          call world%stop_on(error)
          chosen = cheapest(rows, points, ratio, by_work=.true.)
       end associate
-      call use_setting(rows(chosen)%setting, scene, plan)
+      call use_setting(rows(chosen)%setting, scene%integration)
+      call use_setting(rows(chosen)%setting, plan%integration)
       choice = reason(rows(chosen), plan)
       scene%text = scene%text//line_feed//'! accuracy: '//choice//line_feed
       choice = labelled('accuracy', choice)
       choice = choice(:len(choice) - 1)
    end subroutine keep_targets
-
-   subroutine use_setting(setting, scene, plan)
-      type(setting_type), intent(in) :: setting
-      type(scene_type), intent(inout) :: scene
-      type(plan_type), intent(inout) :: plan
-
-      scene%integration%method = setting%method
-      plan%integration%method = setting%method
-      if (setting%method == 'newmark') then
-         scene%integration%max_halvings = setting%max_halvings
-         plan%integration%max_halvings = setting%max_halvings
-      else
-         scene%integration%tolerance = setting%tolerance
-         plan%integration%tolerance = setting%tolerance
-      end if
-   end subroutine use_setting
 
    !> Refuses targets that no setting keeps; names the target and the nearest setting.
    pure subroutine refuse(points, ratio, nearest, plan, error)

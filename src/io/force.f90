@@ -4,7 +4,7 @@ module io_force
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use io_files, only: file_size
-   use io_hdf5, only: hdf5_file, hdf5_object, object_of, open_hdf5, read_dataset, read_extent
+   use io_hdf5, only: hdf5_file, hdf5_object, object_of, open_hdf5, read_dataset, read_shape
    implicit none(type, external)
    private
    public :: read_force_hdf5
@@ -63,18 +63,14 @@ contains
       logical :: is_one_record
       integer :: status
 
-      call read_extent(file, name, 1, n, error)
-      is_one_record = .not. allocated(error)
-      if (is_one_record) then
-         n = [n, 1_long]
-      else
-         call read_extent(file, name, 2, n, error)
-         if (allocated(error)) then
-            call raise(error, exit_bad_input, file%path//': '//name// &
-                       ': must be a dataset of one axis (step) or two (sample, step)')
-            return
-         end if
+      call read_shape(file, name, n, error)
+      if (allocated(error) .or. all(size(n) /= [1, 2])) then
+         call raise(error, exit_bad_input, file%path//': '//name// &
+                    ': must be a dataset of one axis (step) or two (sample, step)')
+         return
       end if
+      is_one_record = size(n) == 1
+      if (is_one_record) n = [n, 1_long]
       room = densest*real(file_size(file%path), wp)
       if (any(n < 1) .or. any(n > huge(0)) .or. &
           product(real(n, wp)) > room) then

@@ -12,7 +12,6 @@ module io_group
       character(24), private :: axis = ''   !! of the columns of a table
    contains
       generic :: put => put_reals, put_integers
-      generic :: column => real_column, integer_column
       procedure :: at
       procedure :: has
       procedure :: get
@@ -22,7 +21,6 @@ module io_group
       procedure :: put_value
       procedure :: start_table
       procedure, private :: put_reals, put_integers
-      procedure, private :: real_column, integer_column
    end type group_type
 
 contains
@@ -79,20 +77,23 @@ contains
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name, units, long_name
       real(wp), intent(in), contiguous, optional :: values(..)
-      character(*), intent(in) :: axes             !! in Python's order; '' of a scalar
+      character(*), intent(in), optional :: axes   !! in Python's order, '' of a scalar; of a column
       character(*), intent(in), optional :: kind   !! as label_type has it
       type(label_type) :: label
 
       if (.not. present(values) .or. allocated(self%error)) return
-      label = label_type(units, long_name, axes)
+      label = label_type(units, long_name)
+      label%axes = trim(self%axis)
+      if (present(axes)) label%axes = axes
       if (present(kind)) label%kind = kind
       call write_dataset(self%file, self%at(name), values, label, self%error)
    end subroutine put_reals
 
    subroutine put_integers(self, name, values, units, long_name, axes)
       class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name, units, long_name, axes
+      character(*), intent(in) :: name, units, long_name
       integer, intent(in) :: values(:)
+      character(*), intent(in), optional :: axes
 
       call self%put_reals(name, real(values, wp), units, long_name, axes, 'integer')
    end subroutine put_integers
@@ -121,7 +122,7 @@ contains
       call self%put(name, [(before + i, i=1, n)], '1', long_name, name)
    end subroutine put_axis
 
-   !> Writes the axis of the columns that follow; rows are counted from 1.
+   !> Writes the axis of the columns that follow, put without axes; rows are counted from 1.
    subroutine start_table(self, axis, n_rows, long_name)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: axis, long_name
@@ -130,23 +131,6 @@ contains
       self%axis = axis
       call self%put_axis(axis, n_rows, long_name)
    end subroutine start_table
-
-   subroutine real_column(self, name, values, units, long_name)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name, units, long_name
-      real(wp), intent(in) :: values(:)
-
-      call self%put(name, values, units, long_name, trim(self%axis))
-   end subroutine real_column
-
-   !> Writes a column of whole numbers, or of flags 0 and 1, without a unit.
-   subroutine integer_column(self, name, values, long_name)
-      class(group_type), intent(inout) :: self
-      character(*), intent(in) :: name, long_name
-      integer, intent(in) :: values(:)
-
-      call self%put(name, values, '1', long_name, trim(self%axis))
-   end subroutine integer_column
 
    !> Reads a scalar.
    subroutine get_number(self, name, value)

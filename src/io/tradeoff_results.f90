@@ -60,31 +60,29 @@ contains
       call group%attribute('reference', 'event, tolerance 1e-12')
       call group%attribute('method_meanings', '0 newmark, 1 event')
       call group%start_table('setting', size(rows), 'setting')
-      call group%column('method', merge(1, 0, rows%setting%method == 'event'), &
-                        'method: 0 newmark, 1 event')
-      call group%column('dt', setting_dt(rows%setting, plan%integration%dt), 's', &
-                        'step of the march under the same force')
-      call group%column('max_halvings', rows%setting%max_halvings, 'newmark: halvings of a step')
-      call group%column('tolerance', rows%setting%tolerance, '1', 'event: tolerance')
-      call group%column('cost', rows%cost, 'ns', 'processor time of a sample-step of the scene')
-      call group%column('work', rows%work, 'ns', 'processor time expected from counted work')
-      call group%column('seconds', 1.0e-9_wp*sample_steps(plan)*rows%cost, 's', &
-                        'processor time of the march of the scene')
-      call group%column('slip', rows%slip, '%', 'rms error of a slip fraction, in points')
-      call group%column('slip_error', rows%slip_error, '%', 'standard error of slip')
-      call group%column('slip_mean', rows%slip_mean, '%', &
-                        'error of the mean slip fraction, in points')
-      call group%column('slip_std', rows%slip_std, '%', &
-                        'error of the standard deviation of slip fractions, in points')
-      call group%column('psd_mean', rows%psd_mean, '1', 'relative error of the mean spectrum')
-      call group%column('psd_percentiles', rows%psd_percentiles, '1', &
-                        'relative error of the percentiles of the spectrum')
-      call group%column('band_ratio', rows%band_ratio, '1', 'relative error of the band ratio')
-      call group%column('band_ratio_error', rows%band_ratio_error, '1', &
-                        'standard error of band_ratio')
-      call group%column('is_on_front', merge(1, 0, rows%is_on_front), &
-                        '1: nothing cheaper has a smaller error of slip')
-      call group%column('is_own', merge(1, 0, rows%is_own), '1: the setting of the scene')
+      call group%put('method', merge(1, 0, rows%setting%method == 'event'), '1', &
+                     'method: 0 newmark, 1 event')
+      call group%put('dt', setting_dt(rows%setting, plan%integration%dt), 's', &
+                     'step of the march under the same force')
+      call group%put('max_halvings', rows%setting%max_halvings, '1', 'newmark: halvings of a step')
+      call group%put('tolerance', rows%setting%tolerance, '1', 'event: tolerance')
+      call group%put('cost', rows%cost, 'ns', 'processor time of a sample-step of the scene')
+      call group%put('work', rows%work, 'ns', 'processor time expected from counted work')
+      call group%put('seconds', 1.0e-9_wp*sample_steps(plan)*rows%cost, 's', &
+                     'processor time of the march of the scene')
+      call group%put('slip', rows%slip, '%', 'rms error of a slip fraction, in points')
+      call group%put('slip_error', rows%slip_error, '%', 'standard error of slip')
+      call group%put('slip_mean', rows%slip_mean, '%', 'error of the mean slip fraction, in points')
+      call group%put('slip_std', rows%slip_std, '%', &
+                     'error of the standard deviation of slip fractions, in points')
+      call group%put('psd_mean', rows%psd_mean, '1', 'relative error of the mean spectrum')
+      call group%put('psd_percentiles', rows%psd_percentiles, '1', &
+                     'relative error of the percentiles of the spectrum')
+      call group%put('band_ratio', rows%band_ratio, '1', 'relative error of the band ratio')
+      call group%put('band_ratio_error', rows%band_ratio_error, '1', 'standard error of band_ratio')
+      call group%put('is_on_front', merge(1, 0, rows%is_on_front), '1', &
+                     '1: nothing cheaper has a smaller error of slip')
+      call group%put('is_own', merge(1, 0, rows%is_own), '1', '1: the setting of the scene')
    end subroutine write_settings
 
    !> Writes the components of the error of the scene's own results.
@@ -124,11 +122,11 @@ contains
       if (size(rows) == 0) return
       call group%go_to('/tradeoff/spectra')
       call group%start_table('way', size(rows), 'way to form spectra')
-      call group%column('every', rows%every, 'steps between values')
-      call group%column('segment_length', rows%segment_length, 'steps of a segment')
-      call group%column('cost', rows%cost, 'ns', 'processor time of a sample-step, march included')
-      call group%column('band_ratio', rows%band_ratio, '1', &
-                        'largest relative change of a band ratio from the first way')
+      call group%put('every', rows%every, '1', 'steps between values')
+      call group%put('segment_length', rows%segment_length, '1', 'steps of a segment')
+      call group%put('cost', rows%cost, 'ns', 'processor time of a sample-step, march included')
+      call group%put('band_ratio', rows%band_ratio, '1', &
+                     'largest relative change of a band ratio from the first way')
    end subroutine write_spectra
 
    !> Writes the errors and costs at other numbers of samples and steps.
@@ -138,14 +136,13 @@ contains
 
       call group%go_to('/tradeoff/sizes')
       call group%start_table('size', size(rows), 'samples and steps')
-      call group%column('n_samples', rows%n_samples, 'samples of the largest case')
-      call group%column('n_steps', real(rows%n_steps, wp), '1', 'steps')
-      call group%column('slip_mean', rows%slip_mean, '%', &
-                        'total error of mean slip fractions, in points')
-      call group%column('slip_std', rows%slip_std, '%', 'total error of their std, in points')
-      call group%column('band_ratio', rows%band_ratio, '1', &
-                        'total relative error of band ratios')
-      call group%column('seconds', rows%seconds, 's', 'processor time of the march')
+      call group%put('n_samples', rows%n_samples, '1', 'samples of the largest case')
+      call group%put('n_steps', real(rows%n_steps, wp), '1', 'steps')
+      call group%put('slip_mean', rows%slip_mean, '%', &
+                     'total error of mean slip fractions, in points')
+      call group%put('slip_std', rows%slip_std, '%', 'total error of their std, in points')
+      call group%put('band_ratio', rows%band_ratio, '1', 'total relative error of band ratios')
+      call group%put('seconds', rows%seconds, 's', 'processor time of the march')
    end subroutine write_sizes
 
    !> Writes what other orders and fits of the processes change.
@@ -160,26 +157,25 @@ contains
       call group%attribute('n_steps', tradeoff%wide%integration%n_steps)
       call group%start_table('variant', size(rows), 'process fitted otherwise')
       associate (own => tradeoff%scope%variants(rows%variant))
-         call group%column('process', own%process, 'process of the scene that is varied')
-         call group%column('order', own%request%order, 'order M or m_max')
-         call group%column('fit_steps', own%request%fit_steps, &
-                           'simulated values of a batch of the fit; 0: chosen')
-         call group%column('is_of_fit', merge(1, 0, own%is_of_fit), &
-                           '1: other lengths of the fit are compared, 0: other orders')
-         call group%column('is_own', merge(1, 0, own%is_own), '1: as the scene has it')
+         call group%put('process', own%process, '1', 'process of the scene that is varied')
+         call group%put('order', own%request%order, '1', 'order M or m_max')
+         call group%put('fit_steps', own%request%fit_steps, '1', &
+                        'simulated values of a batch of the fit; 0: chosen')
+         call group%put('is_of_fit', merge(1, 0, own%is_of_fit), '1', &
+                        '1: other lengths of the fit are compared, 0: other orders')
+         call group%put('is_own', merge(1, 0, own%is_own), '1', '1: as the scene has it')
       end associate
-      call group%column('is_reference', merge(1, 0, rows%is_reference), &
-                        '1: the others of this process are compared with it')
-      call group%column('seconds', rows%seconds, 's', 'processor time of the fit')
-      call group%column('slip_mean', rows%slip_mean, '%', &
-                        'change of the mean slip fraction, in points')
-      call group%column('slip_mean_error', rows%slip_mean_error, '%', 'standard error of slip_mean')
-      call group%column('slip_std', rows%slip_std, '%', &
-                        'change of the standard deviation of slip fractions, in points')
-      call group%column('slip_std_error', rows%slip_std_error, '%', 'standard error of slip_std')
-      call group%column('band_ratio', rows%band_ratio, '1', 'relative change of the band ratio')
-      call group%column('band_ratio_error', rows%band_ratio_error, '1', &
-                        'standard error of band_ratio')
+      call group%put('is_reference', merge(1, 0, rows%is_reference), '1', &
+                     '1: the others of this process are compared with it')
+      call group%put('seconds', rows%seconds, 's', 'processor time of the fit')
+      call group%put('slip_mean', rows%slip_mean, '%', &
+                     'change of the mean slip fraction, in points')
+      call group%put('slip_mean_error', rows%slip_mean_error, '%', 'standard error of slip_mean')
+      call group%put('slip_std', rows%slip_std, '%', &
+                     'change of the standard deviation of slip fractions, in points')
+      call group%put('slip_std_error', rows%slip_std_error, '%', 'standard error of slip_std')
+      call group%put('band_ratio', rows%band_ratio, '1', 'relative change of the band ratio')
+      call group%put('band_ratio_error', rows%band_ratio_error, '1', 'standard error of band_ratio')
    end subroutine write_variants
 
    !> Writes a row for each order of each process.
@@ -192,17 +188,17 @@ contains
       if (n == 0) return
       call group%go_to('/tradeoff/orders')
       call group%start_table('row', n, 'process and order')
-      call group%column('is_direct', [(merge(1, 0, rows(i)%method == 'direct'), i=1, n)], &
-                        '0: autoregressive, 1: direct method')
-      call group%column('imposes_l1', [(merge(1, 0, rows(i)%correlation == 'L1'), i=1, n)], &
-                        'length imposed, 0: L0, 1: L1')
-      call group%column('correlation_length', rows%correlation_length, '1', 'length imposed')
-      call group%column('order', rows%order, 'order M or m_max')
-      call group%column('is_own', merge(1, 0, rows%is_own), '1: an order of the scene')
-      call group%column('entropy_lost', rows%entropy_lost, 'nat', &
-                        'entropy per point below that of white noise')
-      call group%column('other_length', rows%other_length, '1', 'length that is not imposed')
-      call group%column('milliseconds', rows%milliseconds, 'ms', 'processor time of the fit')
+      call group%put('is_direct', [(merge(1, 0, rows(i)%method == 'direct'), i=1, n)], '1', &
+                     '0: autoregressive, 1: direct method')
+      call group%put('imposes_l1', [(merge(1, 0, rows(i)%correlation == 'L1'), i=1, n)], '1', &
+                     'length imposed, 0: L0, 1: L1')
+      call group%put('correlation_length', rows%correlation_length, '1', 'length imposed')
+      call group%put('order', rows%order, '1', 'order M or m_max')
+      call group%put('is_own', merge(1, 0, rows%is_own), '1', '1: an order of the scene')
+      call group%put('entropy_lost', rows%entropy_lost, 'nat', &
+                     'entropy per point below that of white noise')
+      call group%put('other_length', rows%other_length, '1', 'length that is not imposed')
+      call group%put('milliseconds', rows%milliseconds, 'ms', 'processor time of the fit')
    end subroutine write_orders
 
 end module io_tradeoff_results

@@ -1,7 +1,7 @@
 !> The settings that trade speed for accuracy in a march, those that are worth comparing, and what
 !> each is expected to cost.
 module tradeoff_settings
-   use campaign_plan, only: plan_type
+   use campaign_plan, only: integration_settings, plan_type
    use campaign_runner, only: new_marcher
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -10,7 +10,7 @@ module tradeoff_settings
    implicit none(type, external)
    private
    public :: setting_type, all_settings, settings_at_dt, own_setting, same_setting, with_setting
-   public :: count_work, expected_cost, reference_setting, setting_dt
+   public :: count_work, expected_cost, reference_setting, setting_dt, use_setting
 
    real(wp), parameter :: reference_tolerance = 1.0e-12_wp
 
@@ -127,19 +127,27 @@ contains
 
       changed = plan
       associate (how => changed%integration, output => changed%output)
-         how%method = setting%method
+         call use_setting(setting, how)
          how%dt = setting_dt(setting, plan%integration%dt)
          how%n_steps = how%n_steps*setting%parts/setting%stride
          how%n_discard = how%n_discard*setting%parts/setting%stride
-         if (how%method == 'newmark') then
-            how%max_halvings = setting%max_halvings
-         else
-            how%tolerance = setting%tolerance
-         end if
          output%segment_length = output%segment_length*setting%parts/setting%stride
          output%spectrum_every = output%spectrum_every*setting%parts/setting%stride
       end associate
    end function with_setting
+
+   !> Sets the method and what it has of its own; not the step.
+   pure subroutine use_setting(setting, how)
+      type(setting_type), intent(in) :: setting
+      type(integration_settings), intent(inout) :: how
+
+      how%method = setting%method
+      if (how%method == 'newmark') then
+         how%max_halvings = setting%max_halvings
+      else
+         how%tolerance = setting%tolerance
+      end if
+   end subroutine use_setting
 
    !> Counts the work of a setting's march.
    subroutine count_work(plan, setting, error)
