@@ -1,7 +1,9 @@
 !> Command line: a command, a scene, options.
 module driver_command_line
    use core_error, only: error_type, exit_bad_input, raise
+   use core_kinds, only: long
    use core_phrases, only: joined, suggestion
+   use core_text, only: parse_integer
    use io_files, only: exists
    implicit none(type, external)
    private
@@ -150,12 +152,12 @@ contains
       character(*), intent(in) :: option, value
       integer, intent(out) :: n
       type(error_type), allocatable, intent(out) :: error
-      integer :: status
+      character(:), allocatable :: rule
+      integer(long) :: number
 
-      n = 0
-      status = verify(value, '0123456789')
-      if (status == 0) read (value, *, iostat=status) n
-      if (status /= 0 .or. n < 1) &
+      call parse_integer(value, int(huge(n), long), number, rule)
+      n = int(number)
+      if (allocated(rule) .or. n < 1) &
          call raise(error, exit_bad_input, option//' '//value//': needs a whole number from 1')
    end subroutine read_count
 

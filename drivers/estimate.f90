@@ -173,8 +173,7 @@ contains
                 lf//'&process'//lf//'  mean = '//brief(request%mean)//'  std = '// &
                 brief(request%std)//lf//'  correlation_length = '// &
                 brief(request%correlation_length)//'  order = '//to_text(request%order)//lf// &
-                '  positive = '// &
-                trim(merge('.true. ', '.false.', request%positive))//lf//'/'//lf
+                '  positive = '//to_text(request%positive)//lf//'/'//lf
       end associate
    end function group_text
 

@@ -15,9 +15,8 @@ module campaign_selection
    private
    public :: selection_type, start_selection
 
-   !> Values in a bracket, some room behind them.
+   !> Values in a bracket.
    type :: kept_values
-      integer :: n = 0
       real(wp), allocatable :: value(:)
    end type kept_values
 
@@ -51,6 +50,7 @@ contains
       integer, intent(in) :: place(:, :)          !! (target, percentile)
       real(wp), intent(in) :: bracket(:, :, :)    !! (lower or upper end, percentile, column)
       type(selection_type), intent(out) :: selection
+      integer :: c, p
 
       selection%place = place
       selection%bracket = bracket
@@ -60,6 +60,11 @@ contains
          allocate (selection%counts(2, np, n_columns), source=0.0_wp)
          allocate (selection%low(size(place, 1), np, n_columns))
          allocate (selection%high, mold=selection%low)
+         do c = 1, n_columns
+            do p = 1, np
+               allocate (selection%kept(p, c)%value(0))
+            end do
+         end do
       end associate
    end subroutine start_selection
 
@@ -75,26 +80,12 @@ contains
          associate (counts => self%counts(:, p, column), low => self%bracket(1, p, column), &
                     high => self%bracket(2, p, column))
             counts(below) = counts(below) + count(values < low)
-            call keep(pack(values, values >= low .and. values <= high), self%kept(p, column))
-            counts(inside) = self%kept(p, column)%n
+            self%kept(p, column)%value = [self%kept(p, column)%value, &
+                                          pack(values, values >= low .and. values <= high)]
+            counts(inside) = size(self%kept(p, column)%value)
          end associate
       end do
    end subroutine add
-
-   pure subroutine keep(values, kept)
-      real(wp), intent(in) :: values(:)
-      type(kept_values), intent(inout) :: kept
-      real(wp), allocatable :: longer(:)
-
-      if (.not. allocated(kept%value)) allocate (kept%value(0))
-      if (kept%n + size(values) > size(kept%value)) then
-         allocate (longer(2*(kept%n + size(values))))
-         longer(:kept%n) = kept%value(:kept%n)
-         call move_alloc(longer, kept%value)
-      end if
-      kept%value(kept%n + 1:kept%n + size(values)) = values
-      kept%n = kept%n + size(values)
-   end subroutine keep
 
    !> Checks the counts added over the ranks: starts to bisect once every bracket holds its order
    !> statistics. Else widens the others fully, and all values must be added again.
@@ -107,32 +98,25 @@ contains
       do c = 1, size(counts, 3)
          do p = 1, size(counts, 2)
             if (self%is_met(p, c)) cycle
-            associate (place => self%place(:, p), bracket => self%bracket(:, p, c))
+            associate (place => self%place(:, p), bracket => self%bracket(:, p, c), &
+                       kept => self%kept(p, c))
                self%is_met(p, c) = minval(place) > counts(below, p, c) .and. &
                                    maxval(place) <= sum(counts(:, p, c))
                if (self%is_met(p, c)) then
-                  call sort(self%kept(p, c))
+                  kept%value = kept%value(sort_order(kept%value))
                   self%low(:, p, c) = key_of(bracket(1))
                   self%high(:, p, c) = key_of(bracket(2))
                else
                   if (bracket(2) >= huge(bracket)) error stop 'campaign_selection: not a number'
                   bracket = [-huge(bracket), huge(bracket)]
                   self%counts(:, p, c) = 0.0_wp
-                  self%kept(p, c)%n = 0
+                  kept%value = kept%value(:0)
                end if
             end associate
          end do
       end do
       all_met = all(self%is_met)
    end subroutine check
-
-   pure subroutine sort(kept)
-      type(kept_values), intent(inout) :: kept
-
-      if (.not. allocated(kept%value)) allocate (kept%value(0))
-      kept%value = kept%value(:kept%n)
-      kept%value = kept%value(sort_order(kept%value))
-   end subroutine sort
 
    !> This rank's values up to the middle of each interval.
    pure function count_to_middle(self) result(counts)

@@ -16,6 +16,7 @@ module io_progress
       character(:), allocatable :: noun
       integer :: total = 0, done_before = 0
       integer :: width = 0                 !! of the line that stands on the terminal
+      real(wp) :: interval = 0.0_wp        !! between two lines [s]
       real(wp) :: next_line = 0.0_wp       !! [s] after the start
       integer(long) :: started = 0         !! ticks of the clock
    contains
@@ -38,7 +39,8 @@ contains
       self%noun = 'samples'
       if (present(noun)) self%noun = noun
       self%done_before = done_before
-      self%next_line = interval(self)
+      self%interval = merge(0.2_wp, 60.0_wp, self%is_redrawn)
+      self%next_line = self%interval
       call system_clock(self%started)
    end subroutine start
 
@@ -54,7 +56,7 @@ contains
       call system_clock(now, rate)
       seconds = real(now - self%started, wp)/real(rate, wp)
       if (seconds < self%next_line) return
-      self%next_line = seconds + interval(self)
+      self%next_line = seconds + self%interval
       text = progress_text(done, self%done_before, self%total, seconds, self%noun)
       if (self%is_redrawn) then
          call redraw(self, text)
@@ -80,14 +82,6 @@ contains
       self%width = len(text)
    end subroutine redraw
 
-   !> Time between two lines [s].
-   pure function interval(self) result(seconds)
-      class(progress_type), intent(in) :: self
-      real(wp) :: seconds
-
-      seconds = merge(0.2_wp, 60.0_wp, self%is_redrawn)
-   end function interval
-
    !> 412 of 1200 samples, 34 %, 5.2 a second, 2:31 left
    pure function progress_text(done, done_before, total, seconds, noun) result(text)
       integer, intent(in) :: done, done_before, total   !! samples
@@ -101,9 +95,9 @@ contains
       if (done <= done_before .or. .not. seconds > 0.0_wp) return
       rate = (done - done_before)/seconds
       if (rate >= 1.0_wp) then
-         text = text//', '//with_one_decimal(rate)//' a second'
+         text = text//', '//to_text(anint(10.0_wp*rate)/10.0_wp)//' a second'
       else
-         text = text//', '//with_one_decimal(60.0_wp*rate)//' a minute'
+         text = text//', '//to_text(anint(600.0_wp*rate)/10.0_wp)//' a minute'
       end if
       text = text//', '//duration_text((total - done)/rate)//' left'
    end function progress_text
@@ -130,14 +124,5 @@ contains
       end if
       text = trim(buffer)
    end function duration_text
-
-   pure function with_one_decimal(value) result(text)
-      real(wp), intent(in) :: value   !! not negative
-      character(:), allocatable :: text
-      integer(long) :: tenths
-
-      tenths = nint(10*min(value, 1.0e15_wp), long)
-      text = to_text(tenths/10)//'.'//to_text(modulo(tenths, 10_long))
-   end function with_one_decimal
 
 end module io_progress

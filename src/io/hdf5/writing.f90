@@ -7,6 +7,7 @@ module io_hdf5_writing
    use core_chunks, only: chunk_of
    use core_error, only: error_type
    use core_kinds, only: long, wp
+   use core_table, only: next_word
    use hdf5
    use h5ds, only: h5dsattach_scale_f, h5dsset_scale_f
    use io_hdf5_attributes, only: hdf5_object, object_of
@@ -108,47 +109,29 @@ contains
       character(*), intent(in) :: path, axes
       type(error_type), allocatable, intent(out) :: error
       integer(hid_t) :: dataset, scale
-      character(len(axes)) :: names(len(axes) + 1)   ! more than enough
-      integer :: above, i, n_axes, slash, status
+      integer :: above, first, last, n, slash, status
 
       slash = index(path, '/', back=.true.)
-      call split(axes, names, n_axes)
       call h5dopen_f(file%id, path, dataset, status)
-      if (n_axes == 1 .and. path(slash + 1:) == names(1)) then
-         call h5dsset_scale_f(dataset, status, path(slash + 1:))
-         n_axes = 0
+      if (axes == path(slash + 1:)) then
+         call h5dsset_scale_f(dataset, status, axes)
+      else
+         n = 0
+         last = 0
+         do
+            call next_word(axes, first, last)
+            if (first > last) exit
+            n = n + 1
+            above = slash
+            if (.not. file%has(path(:slash)//axes(first:last))) &
+               above = index(path(:slash - 1), '/', back=.true.)
+            call h5dopen_f(file%id, path(:above)//axes(first:last), scale, status)
+            call h5dsattach_scale_f(dataset, scale, n, status)   ! counted as Python counts
+            call h5dclose_f(scale, status)
+         end do
       end if
-      do i = 1, n_axes
-         above = slash
-         if (.not. file%has(path(:slash)//trim(names(i)))) &
-            above = index(path(:slash - 1), '/', back=.true.)
-         call h5dopen_f(file%id, path(:above)//trim(names(i)), scale, status)
-         call h5dsattach_scale_f(dataset, scale, i, status)   ! counted as Python counts
-         call h5dclose_f(scale, status)
-      end do
       call h5dclose_f(dataset, status)
       call conclude(file%path//': '//path//': cannot be given its axes ('//axes//')', error)
    end subroutine attach_axes
-
-   !> Splits a line into words.
-   pure subroutine split(line, words, n_words)
-      character(*), intent(in) :: line
-      character(*), intent(inout) :: words(:)
-      integer, intent(out) :: n_words
-      integer :: i
-
-      n_words = 0
-      do i = 1, len(line)
-         if (line(i:i) == ' ') cycle
-         if (i == 1) then
-            n_words = 1
-            words(1) = ''
-         else if (line(i - 1:i - 1) == ' ') then
-            n_words = n_words + 1
-            words(n_words) = ''
-         end if
-         words(n_words) = trim(words(n_words))//line(i:i)
-      end do
-   end subroutine split
 
 end module io_hdf5_writing
