@@ -271,35 +271,30 @@ contains
       type(plan_type), intent(in) :: plan
       !> (step, force, or force and sample)
       real(wp), intent(in), contiguous, optional :: force(:, :)
-      character(:), allocatable :: unit
-      integer :: i, n_forces
+      character(:), allocatable :: axes, unit
+      integer :: i, n_forces, n_records
 
       unit = trim(merge('m/s^2', 'N    ', plan%excitation%base))
       n_forces = plan%structure%n_forces
       call group%put('time', [(i*plan%integration%dt, i=0, plan%integration%n_steps)], 's', &
                      'time', 'time')
       if (.not. present(force)) return
-      if (n_forces > 1) call group%put_axis('force_number', n_forces, 'force, a column of the load')
+      n_records = size(force, 2)/n_forces
+      axes = 'time'
+      if (n_forces > 1) then
+         call group%put_axis('force_number', n_forces, 'force, a column of the load')
+         axes = 'force_number '//axes
+      end if
+      if (n_records > 1) axes = 'sample '//axes
       if (size(force, 2) == 1) then
-         call group%put('force', force(:, 1), unit, 'force', 'time')
-      else if (n_forces == 1) then
-         call group%put('force', force, unit, 'force', 'sample time')
-      else if (size(force, 2) == n_forces) then
-         call group%put('force', force, unit, 'force', 'force_number time')
+         call group%put('force', force(:, 1), unit, 'force', axes)
+      else if (min(n_forces, n_records) == 1) then
+         call group%put('force', force, unit, 'force', axes)
       else
-         call group%put('force', by_sample(force, n_forces), unit, 'force', &
-                        'sample force_number time')
+         call group%put('force', reshape(force, [size(force, 1), n_forces, n_records]), unit, &
+                        'force', axes)
       end if
    end subroutine write_history_axes
-
-   !> (step, force and sample) as (step, force, sample)
-   pure function by_sample(force, n_forces) result(parted)
-      real(wp), intent(in) :: force(:, :)
-      integer, intent(in) :: n_forces
-      real(wp), allocatable :: parted(:, :, :)
-
-      parted = reshape(force, [size(force, 1), n_forces, size(force, 2)/n_forces])
-   end function by_sample
 
    !> Closes the file, reads it back, and gives it its name; before that there is nothing of that
    !> name, or still the earlier file. None is left after an error.

@@ -104,18 +104,14 @@ contains
       type(entry_type), intent(in) :: entry
       character(*), intent(in) :: value, kind
       logical, intent(in) :: is_list
-      type(row_type), allocatable :: longer(:)
-      integer :: n
+      type(row_type) :: row
 
-      n = 0
-      if (allocated(self%rows)) n = size(self%rows)
-      allocate (longer(n + 1))
-      if (n > 0) longer(:n) = self%rows
-      longer(n + 1)%entry = entry
-      longer(n + 1)%value = value
-      longer(n + 1)%kind = kind
-      longer(n + 1)%is_list = is_list
-      call move_alloc(longer, self%rows)
+      row%entry = entry
+      row%value = value
+      row%kind = kind
+      row%is_list = is_list
+      if (.not. allocated(self%rows)) allocate (self%rows(0))
+      self%rows = [self%rows, row]
    end subroutine add
 
    pure function separator(i) result(text)
