@@ -1,10 +1,10 @@
 !> Rules of &excitation: what each kind of force must have and must not have, and its files.
 module config_excitation_rules
-   use config_force_file, only: check_force, force_label, is_hdf5_file, read_force_text
+   use config_force_file, only: check_force, force_label, read_force_text
    use config_groups, only: scene_type
    use config_text_reader, only: reader_type
    use core_kinds, only: long, wp
-   use core_source, only: find_beside
+   use core_source, only: find_beside, is_hdf5_file
    use core_table, only: read_table, table_type
    use core_text, only: rounded_text, to_text
    use numerics_harmonic, only: periods_of_window

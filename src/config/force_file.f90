@@ -9,30 +9,11 @@ module config_force_file
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    implicit none(type, external)
    private
-   public :: check_force, force_label, is_hdf5_file, read_force_text
+   public :: check_force, force_label, read_force_text
 
    integer, parameter :: max_shown = 10   !! bad lines that are named one by one
 
 contains
-
-   !> True if the file begins as HDF5 does; any other is taken for text.
-   logical function is_hdf5_file(path)
-      character(*), intent(in) :: path
-      character(8) :: signature
-      integer(long) :: n_bytes
-      integer :: unit, status
-
-      is_hdf5_file = .false.
-      inquire (file=path, size=n_bytes)
-      if (n_bytes == 0) return   ! perhaps a pipe, which to open is to wait
-      open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
-            status='old', iostat=status)
-      if (status /= 0) return
-      read (unit, iostat=status) signature
-      if (status == 0) is_hdf5_file = &
-         signature == char(137)//'HDF'//achar(13)//achar(10)//achar(26)//achar(10)
-      close (unit, iostat=status)
-   end function is_hdf5_file
 
    !> Reads a force file: one column for each force, or the time before them; # and ! start a
    !> comment. Every bad line is a complaint.

@@ -4,7 +4,7 @@ module core_source
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: source_type, byte_order_mark, find_beside, new_source, read_source
+   public :: source_type, byte_order_mark, find_beside, is_hdf5_file, new_source, read_source
 
    integer, parameter :: line_feed = 10
    !> Byte order mark, with which some editors begin UTF-8 text.
@@ -58,6 +58,25 @@ contains
       inquire (file=found, exist=exists)
       if (.not. exists) found = ''
    end function find_beside
+
+   !> True if the file begins as HDF5 does; any other is taken for text.
+   logical function is_hdf5_file(path)
+      character(*), intent(in) :: path
+      character(8) :: signature
+      integer(long) :: n_bytes
+      integer :: unit, status
+
+      is_hdf5_file = .false.
+      inquire (file=path, size=n_bytes)
+      if (n_bytes == 0) return   ! perhaps a pipe, which to open is to wait
+      open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
+            status='old', iostat=status)
+      if (status /= 0) return
+      read (unit, iostat=status) signature
+      if (status == 0) is_hdf5_file = &
+         signature == char(137)//'HDF'//achar(13)//achar(10)//achar(26)//achar(10)
+      close (unit, iostat=status)
+   end function is_hdf5_file
 
    !> Reads a whole file; `refusal` is allocated if that fails, and says why.
    subroutine read_source(path, source, refusal, most_bytes)

@@ -3,11 +3,12 @@
 module io_earlier_results
    use campaign_results, only: block_result
    use core_error, only: error_type
+   use core_source, only: is_hdf5_file
    use io_blocks, only: read_block
    use io_contents, only: check_contents
    use io_files, only: exists
    use io_gathering, only: finished_samples
-   use io_hdf5, only: has_hdf5_signature, hdf5_file, hdf5_object, object_of, open_hdf5
+   use io_hdf5, only: hdf5_file, hdf5_object, object_of, open_hdf5
    use io_identity, only: identity_type, refuse_foreign, require_command, require_same
    use io_results, only: case_group
    use io_shards, only: list_shards, shard_type, write_shard
@@ -28,7 +29,7 @@ contains
       type(hdf5_file) :: file
 
       if (.not. exists(path)) return
-      if (.not. has_hdf5_signature(path)) then
+      if (.not. is_hdf5_file(path)) then
          call refuse_foreign(path, error)
          return
       end if

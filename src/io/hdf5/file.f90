@@ -7,8 +7,7 @@ module io_hdf5_file
    use io_hdf5_outcome, only: conclude, forget_failure, listen_to_failures
    implicit none(type, external)
    private
-   public :: hdf5_file, create_hdf5, has_hdf5_signature, hdf5_library, make_parents, &
-             new_timeless_list, open_hdf5
+   public :: hdf5_file, create_hdf5, hdf5_library, make_parents, new_timeless_list, open_hdf5
 
    !> One open file. After an error only `abandon` makes sense.
    type :: hdf5_file
@@ -64,18 +63,6 @@ contains
       call h5pclose_f(root, status)
       call conclude(path//': cannot be made', error)
    end subroutine create_hdf5
-
-   !> True if an existing file is HDF5, whole or damaged.
-   function has_hdf5_signature(path) result(has)
-      character(*), intent(in) :: path
-      logical :: has
-      integer :: status
-
-      call start_library()
-      call h5fis_hdf5_f(path, has, status)
-      has = has .and. status >= 0
-      call forget_failure()
-   end function has_hdf5_signature
 
    !> Opens an existing file for reading.
    subroutine open_hdf5(path, file, error)
