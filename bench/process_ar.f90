@@ -42,8 +42,7 @@ contains
       best = huge(1.0_wp)
       do i = 1, repetitions
          call cpu_time(time(1))
-         call fit_ar(request%correlation, request%correlation_length, request%order, request%std, &
-                     model, error)
+         call fit_ar(request, model, error)
          call cpu_time(time(2))
          if (allocated(error)) error stop error%message
          call fit_process(request, seed, model)

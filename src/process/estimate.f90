@@ -202,7 +202,8 @@ contains
                                  k=0, n_lengths - 1), i=1, size(orders))]
       do i = 1, size(candidates)
          associate (candidate => candidates(i))
-            call optimal_reflection('L0', candidate%l0, candidate%order, kappa, error)
+            call optimal_reflection(process_request(correlation_length=candidate%l0, &
+                                                    order=candidate%order), kappa, error)
             if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
             if (allocated(error)) return
             candidate%l1 = sums%l1

@@ -6,7 +6,7 @@ module process_model
    implicit none(type, external)
    private
    public :: process_request, process_model_type, inversion_check, branch_note, &
-             innovation_scale, positive_name, request_label
+             innovation_scale, lengths_of, positive_name, request_label
 
    !> A wanted process. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
@@ -122,12 +122,19 @@ contains
       character(:), allocatable :: name
 
       name = 'positive process ('//trim(request%sampler)//' law) with std/mean = '// &
-             rounded_text(request%std/request%mean, 6)//', '// &
-             merge('L1', 'L0', request%correlation == 'L1')//' = '// &
-             to_text(request%correlation_length)
-      if (request%correlation == 'both') name = name//', L1 = '//to_text(request%second_length)
-      name = name//', order = '//to_text(request%order)
+             rounded_text(request%std/request%mean, 6)//', '//lengths_of(request)// &
+             ', order = '//to_text(request%order)
    end function positive_name
+
+   !> 'L0 = 1.0' or 'L0 = 1.0, L1 = 2.0', for messages.
+   pure function lengths_of(request) result(text)
+      type(process_request), intent(in) :: request
+      character(:), allocatable :: text
+
+      text = merge('L1', 'L0', request%correlation == 'L1')//' = '// &
+             to_text(request%correlation_length)
+      if (request%correlation == 'both') text = text//', L1 = '//to_text(request%second_length)
+   end function lengths_of
 
    !> Scale b0 of a law that is given by the row of G, Eq. (25); 0 where it has none.
    pure real(wp) function innovation_scale(g) result(b0)

@@ -6,24 +6,24 @@
 !> v_m = ln(R_M/R_m) of `process_autoregressive_sums`:
 !>    L0 = (exp(v_0) - 1)/2,      L1 = sum_(m<M) sinh(v_m)/(1 + exp(-v_0)).
 !> For L0 all kappa are then equal at the maximum. For L1, and for both lengths at once, which hold
-!> v_0 too, the optimality conditions are solved by Newton's method along a path of targets that
-!> starts where they are linear, or at the maximum for L0 alone. That K(m) >= 0 holds is checked on
-!> the result. Where no such process has both lengths, `process_autoregressive_search` looks for one
-!> whose K(m) change their sign or are 0; the tests look for one that does better than the closed
-!> forms.
+!> v_0 too, the maximum is one of - sum ln cosh((v_(m-1) - v_m)/2) + nu (sum sinh(v_m) - L1 (1 +
+!> exp(-v_0))), m = 0..M-1: its conditions give all v_m from the last one and the multiplier nu,
+!> which two nested searches find. That K(m) >= 0 holds is checked on the result. Where no such
+!> process has both lengths, `process_autoregressive_search` looks for one whose K(m) change their
+!> sign or are 0; the tests look for one that does better than the closed forms.
 module process_autoregressive_fit
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
    use numerics_constrained_maximum, only: rest_of_gradient
    use numerics_elementary, only: log_one_plus
-   use numerics_lapack, only: solve_linear_system
+   use numerics_roots, only: root_search
    use process_autoregressive_description, only: describe_ar
    use process_autoregressive_model, only: coefficients_of, innovation_std
    use process_autoregressive_search, only: both_lengths_maximum, find_maximum
    use process_autoregressive_sums, only: correlation_sums, length_gradient, sum_correlation
    use process_entropy, only: gaussian_entropy
-   use process_model, only: process_model_type
+   use process_model, only: lengths_of, process_model_type, process_request
    implicit none(type, external)
    private
    public :: fit_ar, nonnegative_reflection, optimal_reflection
@@ -33,37 +33,35 @@ module process_autoregressive_fit
    real(wp), parameter :: search_tolerance = 1.0e-2_wp       !! the same, of a smoothed maximum
    real(wp), parameter :: entropy_tolerance = 1.0e-5_wp      !! of its entropy [nat]
    real(wp), parameter :: longest = 1.0e6_wp                 !! [lags]
+   integer, parameter :: max_steps = 200                     !! of a root's search
+   real(wp), parameter :: first_step = 0.1_wp                !! relative
 
 contains
 
    !> Fits and describes. Fails for bad numbers and where no maximum could be proved.
-   subroutine fit_ar(correlation, correlation_length, order, std, model, error, second_length)
-      character(*), intent(in) :: correlation        !! 'L0' Eq. (8), 'L1' Eq. (9), or 'both'
-      real(wp), intent(in) :: correlation_length     !! [lags], not negative
-      integer, intent(in) :: order                   !! M >= 1
-      real(wp), intent(in) :: std                    !! sigma_X [unit of X]
+   subroutine fit_ar(request, model, error)
+      type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
-      real(wp), intent(in), optional :: second_length   !! 'both': L1, the other one being L0
       type(correlation_sums) :: sums
       type(both_lengths_maximum) :: best
       real(wp), allocatable :: kappa(:)
       real(wp) :: missed
 
-      if (.not. (std > 0.0_wp .and. std <= huge(1.0_wp))) then
-         call raise(error, exit_bad_input, 'std = '//to_text(std)//': must be finite and positive')
+      if (.not. (request%std > 0.0_wp .and. request%std <= huge(1.0_wp))) then
+         call raise(error, exit_bad_input, 'std = '//to_text(request%std)// &
+                    ': must be finite and positive')
          return
       end if
-      call optimal_reflection(correlation, correlation_length, order, kappa, error, second_length)
+      call optimal_reflection(request, kappa, error)
       if (allocated(error)) return
       call sum_correlation(kappa, sums, error)
-      if (allocated(error)) return
-      missed = distance_from(correlation, correlation_length, sums, second_length)
-      if (correlation == 'both' .and. .not. (sums%is_nonnegative .and. &
-                                             missed <= length_tolerance)) then
-         call find_maximum(correlation_length, second_length, equal_reflection(correlation_length, &
-                                                                               order), best)
-         associate (lower => nonnegative_reflection(correlation_length, second_length, order - 1))
+      missed = distance_from(request, sums)
+      if (request%correlation == 'both' .and. .not. (sums%is_nonnegative .and. &
+                                                     missed <= length_tolerance)) then
+         call find_maximum(request%correlation_length, request%second_length, &
+                           equal_reflection(request%correlation_length, request%order), best)
+         associate (lower => nonnegative_reflection(request))
             if (size(lower) > 0) &   ! which every order contains
                best%is_feasible = best%is_feasible .and. &
                                   best%entropy > gaussian_entropy(innovation_std(lower, 1.0_wp)) - &
@@ -72,95 +70,81 @@ contains
          if (best%is_feasible) then
             kappa = best%kappa
             call sum_correlation(kappa, sums, error)
-            if (allocated(error)) return
-            missed = distance_from(correlation, correlation_length, sums, second_length)
+            missed = distance_from(request, sums)
          end if
       end if
-      call describe_ar(coefficients_of(kappa), innovation_std(kappa, std), model, error, sums)
+      if (allocated(error)) return
+      call describe_ar(coefficients_of(kappa), innovation_std(kappa, request%std), model, error, &
+                       sums)
       if (allocated(error)) return
       if (best%is_feasible) then
          model%optimality = max(best%residual, missed)
          model%is_solved = model%optimality <= search_tolerance
       else
-         model%optimality = max(optimality_residual(correlation, kappa, sums), missed)
+         model%optimality = max(optimality_residual(request%correlation, kappa, sums), missed)
          model%is_solved = sums%is_nonnegative .and. missed <= length_tolerance .and. &
                            model%optimality <= optimality_tolerance
       end if
       if (.not. model%is_solved) &
          call raise(error, exit_no_solution, 'autoregressive process of order '// &
-                    to_text(order)//' with '// &
-                    name_of_lengths(correlation, correlation_length, second_length)// &
+                    to_text(request%order)//' with '//lengths_of(request)// &
                     ': the search ended at L0 = '//to_text(sums%l0)//', L1 = '// &
                     to_text(sums%l1)//' with optimality residual '//to_text(model%optimality)// &
-                    lower_order(correlation, correlation_length, order, second_length))
+                    lower_order(request))
    end subroutine fit_ar
 
    !> '; order = .. has both with K(m) >= 0', the highest one; or what all need.
-   function lower_order(correlation, length, order, second_length) result(advice)
-      character(*), intent(in) :: correlation
-      real(wp), intent(in) :: length
-      integer, intent(in) :: order
-      real(wp), intent(in), optional :: second_length
+   function lower_order(request) result(advice)
+      type(process_request), intent(in) :: request
       character(:), allocatable :: advice
 
       advice = ''
-      if (correlation /= 'both') return
-      associate (kappa => nonnegative_reflection(length, second_length, order - 1))
+      if (request%correlation /= 'both') return
+      associate (kappa => nonnegative_reflection(request), l0 => request%correlation_length, &
+                 l1 => request%second_length)
          if (size(kappa) > 0) then
             advice = '; order = '//to_text(size(kappa))//' has both with K(m) >= 0'
-         else if (second_length*(1.0_wp + length) < length) then
+         else if (l1*(1.0_wp + l0) < l0) then
             advice = '; every process has L1 >= L0/(1 + L0)'
-         else if (second_length > order*length) then
+         else if (l1 > request%order*l0) then
             advice = '; K(m) >= 0 needs L1 <= order*L0'
          end if
       end associate
    end function lower_order
 
-   !> kappa_m of the maximum with K(m) >= 0 for both lengths, of the highest order up to one; none
-   !> where no order has it.
-   function nonnegative_reflection(length, second_length, highest) result(kappa)
-      real(wp), intent(in) :: length, second_length   !! L0 and L1 [lags]
-      integer, intent(in) :: highest
+   !> kappa_m of the maximum with K(m) >= 0 for both lengths, of the highest order below the
+   !> request's; none where no order has it.
+   function nonnegative_reflection(request) result(kappa)
+      type(process_request), intent(in) :: request
       real(wp), allocatable :: kappa(:)
+      type(process_request) :: lower
       type(correlation_sums) :: sums
       type(error_type), allocatable :: error
-      integer :: order
 
-      do order = highest, 2, -1
-         call optimal_reflection('both', length, order, kappa, error, second_length)
+      lower = request
+      do
+         lower%order = lower%order - 1
+         if (lower%order < 2) exit
+         call optimal_reflection(lower, kappa, error)
          if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
          if (allocated(error)) exit
-         if (sums%is_nonnegative .and. distance_from('both', length, sums, second_length) &
-             <= length_tolerance) return
+         if (sums%is_nonnegative .and. distance_from(lower, sums) <= length_tolerance) return
       end do
       kappa = [real(wp) ::]
    end function nonnegative_reflection
 
    !> Largest relative distance from the imposed lengths.
-   pure function distance_from(correlation, length, sums, second_length) result(distance)
-      character(*), intent(in) :: correlation
-      real(wp), intent(in) :: length
+   pure function distance_from(request, sums) result(distance)
+      type(process_request), intent(in) :: request
       type(correlation_sums), intent(in) :: sums
-      real(wp), intent(in), optional :: second_length
       real(wp) :: distance
 
-      distance = abs(merge(sums%l1, sums%l0, correlation == 'L1') - length) &
-                 /max(length, tiny(length))
-      if (present(second_length) .and. correlation == 'both') &
-         distance = max(distance, abs(sums%l1 - second_length)/max(second_length, tiny(length)))
+      distance = abs(merge(sums%l1, sums%l0, request%correlation == 'L1') &
+                     - request%correlation_length)/max(request%correlation_length, tiny(1.0_wp))
+      if (request%correlation == 'both') &
+         distance = max(distance, abs(sums%l1 - request%second_length) &
+                        /max(request%second_length, tiny(1.0_wp)))
    end function distance_from
-
-   !> 'L0 = 1.0' or 'L0 = 1.0, L1 = 2.0', for messages.
-   pure function name_of_lengths(correlation, length, second_length) result(name)
-      character(*), intent(in) :: correlation
-      real(wp), intent(in) :: length
-      real(wp), intent(in), optional :: second_length
-      character(:), allocatable :: name
-
-      name = merge('L1', 'L0', correlation == 'L1')//' = '//to_text(length)
-      if (present(second_length) .and. correlation == 'both') &
-         name = name//', L1 = '//to_text(second_length)
-   end function name_of_lengths
 
    !> kappa_m of the maximum for L0 alone: all are equal.
    pure function equal_reflection(length, order) result(kappa)
@@ -173,162 +157,115 @@ contains
 
    !> Finds the kappa_m of the maximum by the closed forms, which are those of K(m) >= 0. Whether
    !> they reach the length, and whether K(m) >= 0, is for `fit_ar` to check.
-   subroutine optimal_reflection(correlation, correlation_length, order, kappa, error, &
-                                 second_length)
-      character(*), intent(in) :: correlation
-      real(wp), intent(in) :: correlation_length
-      integer, intent(in) :: order
+   subroutine optimal_reflection(request, kappa, error)
+      type(process_request), intent(in) :: request
       real(wp), allocatable, intent(out) :: kappa(:)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), intent(in), optional :: second_length   !! see `fit_ar`
 
-      if (.not. (correlation_length >= 0.0_wp .and. correlation_length <= longest)) then
-         call raise(error, exit_bad_input, 'correlation_length = '//to_text(correlation_length)// &
-                    ': must not be negative, and at most '//to_text(longest)// &
-                    ': poles come too near the unit circle')
-         return
-      end if
-      if (order < 1) then
-         call raise(error, exit_bad_input, 'order = '//to_text(order)//': must be at least 1')
-         return
-      end if
-      allocate (kappa(order), source=0.0_wp)
-      if (.not. correlation_length > 0.0_wp .and. correlation /= 'both') return   ! white noise
-      select case (correlation)
-      case ('L0')
-         kappa = equal_reflection(correlation_length, order)
-      case ('L1')
-         call follow_targets(correlation_length, kappa)
-      case ('both')
-         if (order < 2 .or. .not. min(correlation_length, second_length) > 0.0_wp .or. &
-             second_length > longest) then
-            call raise(error, exit_bad_input, 'second_length = '//to_text(second_length)// &
-                       ', order = '//to_text(order)//': both lengths must be positive, at '// &
-                       'most '//to_text(longest)//', and order at least 2')
+      associate (length => request%correlation_length, second => request%second_length, &
+                 order => request%order)
+         if (.not. (length >= 0.0_wp .and. length <= longest)) then
+            call raise(error, exit_bad_input, 'correlation_length = '//to_text(length)// &
+                       ': must not be negative, and at most '//to_text(longest)// &
+                       ': poles come too near the unit circle')
             return
          end if
-         call follow_targets(second_length, kappa, log_one_plus(2.0_wp*correlation_length))
-      case default
-         call raise(error, exit_bad_input, &
-                    "correlation = '"//correlation//"': must be 'L0', 'L1' or 'both'")
-      end select
+         if (order < 1) then
+            call raise(error, exit_bad_input, 'order = '//to_text(order)//': must be at least 1')
+            return
+         end if
+         allocate (kappa(order), source=0.0_wp)
+         if (.not. length > 0.0_wp .and. request%correlation /= 'both') return   ! white noise
+         select case (request%correlation)
+         case ('L0')
+            kappa = equal_reflection(length, order)
+         case ('L1')
+            call match_l1(length, kappa)
+         case ('both')
+            if (order < 2 .or. .not. min(length, second) > 0.0_wp .or. second > longest) then
+               call raise(error, exit_bad_input, 'second_length = '//to_text(second)// &
+                          ', order = '//to_text(order)//': both lengths must be positive, at '// &
+                          'most '//to_text(longest)//', and order at least 2')
+               return
+            end if
+            call match_l1(second, kappa, log_one_plus(2.0_wp*length))
+         case default
+            call raise(error, exit_bad_input, "correlation = '"//trim(request%correlation)// &
+                       "': must be 'L0', 'L1' or 'both'")
+         end select
+      end associate
    end subroutine optimal_reflection
 
-   !> Follows the maximum along targets, by Newton's method at each, to the wanted L1. It starts
-   !> where the maximum is known: at a small L1, where kappa_m is proportional to m, or with v_0
-   !> held at the maximum for L0 alone, where the multiplier is 0.
-   subroutine follow_targets(target, kappa, v_0)
-      real(wp), intent(in) :: target             !! L1 [lags]
-      real(wp), intent(out) :: kappa(:)          !! of the last target on the path that was solved
-      real(wp), intent(in), optional :: v_0      !! ln (1 + 2 L0), held
-      real(wp), parameter :: widest_step = 4.0_wp      !! ratio of two targets
-      real(wp), parameter :: narrowest_step = 1.01_wp
-      real(wp) :: reached, step, v(0:size(kappa)), trial(0:size(kappa)), wanted
-      logical :: is_converged
-      integer :: m, order
+   !> Finds the kappa_m of the maximum for L1, with v_0 free or held: L1 grows with the last v_m.
+   !> Where none has it they are those for L0 alone.
+   subroutine match_l1(target, kappa, v_0)
+      real(wp), intent(in) :: target           !! L1 [lags]
+      real(wp), intent(out) :: kappa(:)
+      real(wp), intent(in), optional :: v_0    !! ln (1 + 2 L0), held
+      real(wp) :: last, scale, share, v(0:size(kappa))
+      type(root_search) :: search
+      integer :: order, step
 
       order = size(kappa)
-      if (present(v_0)) then
-         v = [(v_0*(order - m)/order, m=0, order)]   ! the last one, the multiplier, is 0
-         reached = sum(sinh(v(:order - 1)))/(1.0_wp + exp(-v_0))
-      else
-         reached = min(target, 0.1_wp*(2*order + 1)/6)   ! v_0 = 0.1: nearly linear still
-         v(:order - 1) = [(3*reached/(order*(order + 1.0_wp)*(0.5_wp + order))* &
-                           (order*(order + 1.0_wp) - m*(m + 1.0_wp)), m=0, order - 1)]
-         v(order) = 2.0_wp*v(0)/(order*(order + 1.0_wp))   ! the multiplier: half of kappa_1
-      end if
-      wanted = reached
-      step = widest_step
-      do
-         trial = v
-         call solve_optimality(wanted, trial, is_converged, v_0)
-         if (is_converged) then
-            v = trial
-            reached = wanted
-            if (.not. abs(reached - target) > 0.0_wp) exit
-         else
-            step = sqrt(step)
-            if (step < narrowest_step) exit
-         end if
-         wanted = max(min(step*reached, target), reached/step)
+      scale = log_one_plus(2.0_wp*target)/(2*order)
+      if (present(v_0)) scale = v_0/(2*order)
+      kappa = -tanh(scale)
+      share = 1.0_wp
+      search%step = first_step
+      do step = 1, max_steps
+         last = share
+         call match_start(target, scale, share*scale, v, v_0)
+         associate (l1 => sum(sinh(v(:order - 1)))/(1.0_wp + exp(-v(0))))
+            call search%advance(share, log(max(l1, tiny(l1))/target))
+            if (abs(l1 - target) <= length_tolerance*target) &
+               kappa = -tanh(0.5_wp*(v(:order - 1) - v(1:)))
+         end associate
+         if (.not. abs(share - last) > spacing(last)) exit
       end do
-      kappa(:order - 1) = -tanh(0.5_wp*(v(:order - 2) - v(1:order - 1)))
-      kappa(order) = -tanh(0.5_wp*v(order - 1))
-   end subroutine follow_targets
+   end subroutine match_l1
 
-   !> Solves the optimality conditions of L1 at one target by Newton's method.
-   subroutine solve_optimality(target, unknowns, is_converged, v_0)
-      real(wp), intent(in) :: target
-      real(wp), intent(inout) :: unknowns(:)   !! v_m, m = 0..order-1, and the multiplier nu
-      logical, intent(out) :: is_converged
-      real(wp), intent(in), optional :: v_0    !! held in place of its condition
-      integer, parameter :: max_steps = 20
-      type(error_type), allocatable :: error
-      real(wp) :: jacobian(size(unknowns), size(unknowns)), residual(size(unknowns))
-      real(wp), allocatable :: change(:)
-      logical :: is_close
+   !> Finds all v_m from half the last one by the multiplier nu: that for which the optimality
+   !> condition of v_0 holds, or v_0 is the one that is held.
+   subroutine match_start(target, scale, half, v, v_0)
+      real(wp), intent(in) :: target, scale   !! of nu
+      real(wp), intent(in) :: half            !! atanh(t_order), see `march_to_start`
+      real(wp), intent(out) :: v(0:)
+      real(wp), intent(in), optional :: v_0
+      type(root_search) :: search
+      real(wp) :: excess, last, share, t
       integer :: step
 
-      is_converged = .false.
-      is_close = .false.
+      share = 0.0_wp
+      search%step = first_step
       do step = 1, max_steps
-         call optimality_conditions(target, unknowns, residual, jacobian)
-         if (present(v_0)) then
-            residual(1) = unknowns(1) - v_0
-            jacobian(1, :) = 0.0_wp
-            jacobian(1, 1) = 1.0_wp
-         end if
-         if (.not. all(abs(residual) < huge(1.0_wp))) return
-         call solve_linear_system(jacobian, residual, change, error)
-         if (allocated(error)) return
-         unknowns = unknowns - change
-         is_converged = is_close   ! quadratic convergence: one step more reaches rounding
-         if (is_converged) exit
-         is_close = maxval(abs(change)) <= 1.0e-7_wp*maxval(abs(unknowns))
-         if (maxval(abs(unknowns)) > 0.25_wp*log(huge(1.0_wp))) return
+         last = share
+         call march_to_start(half, share*scale, v, t)
+         excess = share - 0.5_wp*(t/scale)/(cosh(v(0)) + target*exp(-v(0)))
+         if (present(v_0)) excess = v_0 - v(0)
+         call search%advance(share, excess)
+         if (.not. abs(share - last) > epsilon(last)*abs(last)) exit
       end do
-      if (.not. present(v_0)) is_converged = is_converged .and. all(unknowns > 0.0_wp)
-   end subroutine solve_optimality
+   end subroutine match_start
 
-   !> Evaluates the gradient of - sum ln cosh((v_(m-1) - v_m)/2) + nu (sum sinh v_m - L (1 +
-   !> exp(-v_0))) in v and nu, and its Jacobian.
-   pure subroutine optimality_conditions(target, unknowns, residual, jacobian)
-      real(wp), intent(in) :: target
-      real(wp), intent(in) :: unknowns(0:)
-      real(wp), intent(out) :: residual(0:)
-      real(wp), intent(out) :: jacobian(0:, 0:)
-      real(wp) :: curvature, nu, slope
+   !> Computes v_m from the last to the first by their optimality conditions: with t_m = -kappa_m =
+   !> tanh((v_(m-1) - v_m)/2) these are t_m = t_(m+1) - 2 nu cosh(v_m), 0 < m < order.
+   pure subroutine march_to_start(half, nu, v, t)
+      real(wp), intent(in) :: half     !! atanh(t_order)
+      real(wp), intent(in) :: nu       !! multiplier
+      real(wp), intent(out) :: v(0:)   !! (0:order)
+      real(wp), intent(out) :: t       !! t_1
+      real(wp), parameter :: largest_t = 1.0_wp - 1.0e-15_wp, largest_v = 300.0_wp   ! beyond all
       integer :: m, order
 
-      order = ubound(unknowns, 1)
-      nu = unknowns(order)
-      jacobian = 0.0_wp
-      associate (v => unknowns(:order - 1))
-         residual(:order - 1) = nu*cosh(v)
-         residual(0) = residual(0) + nu*target*exp(-v(1))
-         residual(order) = sum(sinh(v)) - target*(1.0_wp + exp(-v(1)))
-         jacobian(:order - 1, order) = cosh(v)
-         jacobian(0, order) = jacobian(0, order) + target*exp(-v(1))
-         jacobian(order, :order - 1) = jacobian(:order - 1, order)
-         do m = 0, order - 1
-            jacobian(m, m) = nu*sinh(v(m + 1))
-         end do
-         jacobian(0, 0) = jacobian(0, 0) - nu*target*exp(-v(1))
-      end associate
-      do m = 1, order   ! the term with v_(m-1) - v_m; v_order = 0
-         slope = 0.5_wp*unknowns(m - 1)
-         if (m < order) slope = slope - 0.5_wp*unknowns(m)
-         curvature = 0.25_wp/cosh(slope)**2
-         slope = 0.5_wp*tanh(slope)
-         residual(m - 1) = residual(m - 1) - slope
-         jacobian(m - 1, m - 1) = jacobian(m - 1, m - 1) - curvature
-         if (m == order) exit
-         residual(m) = residual(m) + slope
-         jacobian(m, m) = jacobian(m, m) - curvature
-         jacobian(m - 1, m) = curvature
-         jacobian(m, m - 1) = curvature
+      order = ubound(v, 1)
+      v(order) = 0.0_wp
+      t = tanh(half)
+      v(order - 1) = 2.0_wp*half
+      do m = order - 1, 1, -1
+         t = max(-largest_t, min(t - 2.0_wp*nu*cosh(v(m)), largest_t))
+         v(m - 1) = max(-largest_v, min(v(m) + 2.0_wp*atanh(t), largest_v))
       end do
-   end subroutine optimality_conditions
+   end subroutine march_to_start
 
    !> Residual of the entropy's gradient in atanh(kappa), which is -kappa, when its part along
    !! the gradients of the lengths is taken away: largest component, relative to the largest of all.

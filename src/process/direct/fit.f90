@@ -45,8 +45,7 @@ contains
          call fit_direct(unsigned, model)
          if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
       else
-         call fit_ar(request%correlation, request%correlation_length, request%order, request%std, &
-                     model, error, request%second_length)
+         call fit_ar(request, model, error)
          model%mu = request%mean
          model%mean = request%mean
       end if

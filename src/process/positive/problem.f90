@@ -137,8 +137,7 @@ contains
       else if (all(model%autocovariance >= -zero*model%autocovariance(0))) then
          return
       end if
-      kappa = nonnegative_reflection(request%correlation_length, request%second_length, &
-                                     request%order - 1)
+      kappa = nonnegative_reflection(request)
       if (size(kappa) > 0) then
          if (allocated(error)) deallocate (error)
          call describe_ar(coefficients_of(kappa), 1.0_wp, model, error)
