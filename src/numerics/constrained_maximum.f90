@@ -10,11 +10,28 @@ module numerics_constrained_maximum
    private
    public :: objective_type, search_result, maximize, rest_of_gradient, solve_along, step_to_maximum
 
-   !> Function to be maximized; extend it with the data of the problem.
+   !> Result of a search.
+   type :: search_result
+      logical :: is_converged = .false.
+      real(wp) :: violation = huge(1.0_wp)             !! largest constraint
+      !> largest component of the Lagrangian's gradient
+      real(wp) :: residual = 0.0_wp
+      !> (constraint, variable) of the last point differentiated
+      real(wp), allocatable :: jacobian(:, :)
+      !> (constraint) what the maximum gains as a constraint grows from zero
+      real(wp), allocatable :: multipliers(:)
+      !> inverse Hessian of the Lagrangian, as far as it was seen
+      real(wp), allocatable :: metric(:, :)
+   end type search_result
+
+   !> Function to be maximized, and where its search is; extend it with the data of the problem.
    !>
    !> A state is the result of an evaluation: first the constraints, zero if satisfied, then what
    !> `gain` needs. Some functions are known only by their differences.
    type, abstract :: objective_type
+      real(wp), allocatable :: point(:)
+      integer :: n_constraints = 0
+      type(search_result) :: found   !! of the search that led there
    contains
       procedure(evaluate_objective), deferred :: evaluate
       procedure(gain_of_objective), deferred :: gain
@@ -38,97 +55,83 @@ module numerics_constrained_maximum
       end function gain_of_objective
    end interface
 
-   !> Result of a search.
-   type :: search_result
-      logical :: is_converged = .false.
-      real(wp) :: violation = huge(1.0_wp)             !! largest constraint
-      !> largest component of the Lagrangian's gradient
-      real(wp) :: residual = 0.0_wp
-      !> (constraint, variable) of the last point differentiated
-      real(wp), allocatable :: jacobian(:, :)
-      !> (constraint) what the maximum gains as a constraint grows from zero
-      real(wp), allocatable :: multipliers(:)
-      !> inverse Hessian of the Lagrangian, as far as it was seen
-      real(wp), allocatable :: metric(:, :)
-   end type search_result
-
 contains
 
-   !> Moves `point` to the maximum.
-   subroutine maximize(objective, point, n_constraints, step, tolerance, max_iterations, found, &
-                       metric)
+   !> Moves the point to the maximum. The inverse Hessian of the search before is begun with, where
+   !> it has as many variables.
+   subroutine maximize(objective, step, tolerance, max_iterations)
       class(objective_type), intent(inout) :: objective
-      real(wp), intent(inout) :: point(:)
-      integer, intent(in) :: n_constraints
       real(wp), intent(in) :: step          !! step of finite differences
       real(wp), intent(in) :: tolerance     !! for constraints and on the Lagrangian's gradient
       integer, intent(in) :: max_iterations
-      type(search_result), intent(out) :: found
-      real(wp), intent(in), optional :: metric(:, :)   !! to begin with; the unit matrix when absent
-      real(wp), dimension(size(point)) :: change, gradient, old_gradient
-      real(wp) :: multipliers(n_constraints), old_jacobian(n_constraints, size(point)), weight
-      real(wp), allocatable :: state(:)
+      real(wp), dimension(size(objective%point)) :: change, gradient, old_gradient
+      real(wp), dimension(objective%n_constraints, size(objective%point)) :: jacobian, old_jacobian
+      real(wp) :: multipliers(objective%n_constraints), weight
+      real(wp), allocatable :: metric(:, :), state(:)
       integer :: iteration
       logical :: is_inside, is_regular
 
-      allocate (found%jacobian(n_constraints, size(point)))
-      found%metric = unit_matrix(size(point))
-      if (present(metric)) found%metric = metric
-      call objective%evaluate(point, state, is_inside)
+      call move_alloc(objective%found%metric, metric)
+      objective%found = search_result()
+      objective%found%metric = unit_matrix(size(change))
+      if (allocated(metric)) then
+         if (size(metric, 1) == size(change)) objective%found%metric = metric
+      end if
+      call objective%evaluate(objective%point, state, is_inside)
       weight = 0.0_wp
-      do iteration = 1, max_iterations
-         if (is_inside) call differentiate(objective, point, state, step, gradient, &
-                                           found%jacobian, is_inside)
-         if (.not. is_inside) return
-         if (iteration > 1) then
-            call update_metric(change, old_gradient - gradient - &
-                               matmul(multipliers, old_jacobian - found%jacobian), found%metric)
-         end if
-         call step_to_maximum(found%metric, found%jacobian, gradient, state(:n_constraints), &
-                              change, multipliers, is_regular)
-         if (.not. is_regular) return
-         found%multipliers = multipliers
-         found%violation = maxval(abs(state(:n_constraints)))
-         found%residual = maxval(abs(rest_of_gradient(gradient, found%jacobian)))
-         found%is_converged = max(found%violation, found%residual) <= tolerance
-         if (found%is_converged) return
-         change = change*min(1.0_wp, 0.5_wp/max(norm2(change), tiny(1.0_wp)))
-         weight = max(weight, 2.0_wp*maxval(abs(multipliers)))
-         old_gradient = gradient
-         old_jacobian = found%jacobian
-         call advance(objective, point, change, state, found, weight, tolerance, is_inside)
-      end do
+      associate (found => objective%found, n => objective%n_constraints)
+         do iteration = 1, max_iterations
+            if (is_inside) call differentiate(objective, state, step, gradient, jacobian, is_inside)
+            if (.not. is_inside) return
+            if (iteration > 1) &
+               call update_metric(change, old_gradient - gradient - &
+                                  matmul(multipliers, old_jacobian - jacobian), found%metric)
+            call step_to_maximum(found%metric, jacobian, gradient, state(:n), change, multipliers, &
+                                 is_regular)
+            if (.not. is_regular) return
+            found%jacobian = jacobian
+            found%multipliers = multipliers
+            found%violation = maxval(abs(state(:n)))
+            found%residual = maxval(abs(rest_of_gradient(gradient, jacobian)))
+            found%is_converged = max(found%violation, found%residual) <= tolerance
+            if (found%is_converged) return
+            change = change*min(1.0_wp, 0.5_wp/max(norm2(change), tiny(1.0_wp)))
+            weight = max(weight, 2.0_wp*maxval(abs(multipliers)))
+            old_gradient = gradient
+            old_jacobian = jacobian
+            call advance(objective, change, state, weight, tolerance, is_inside)
+         end do
+      end associate
    end subroutine maximize
 
    !> Takes a step along `change`, shortened until gain and constraints together do not get worse.
    !> If a step fails because the constraints are curved, it is corrected back onto them before it
    !> is shortened.
-   subroutine advance(objective, point, change, state, found, weight, tolerance, is_inside)
+   subroutine advance(objective, change, state, weight, tolerance, is_inside)
       class(objective_type), intent(inout) :: objective
-      real(wp), intent(inout) :: point(:), change(:)
+      real(wp), intent(inout) :: change(:)
       real(wp), allocatable, intent(inout) :: state(:)
-      type(search_result), intent(in) :: found
       real(wp), intent(in) :: weight, tolerance
       logical, intent(out) :: is_inside
       real(wp), allocatable :: trial(:)
-      real(wp) :: straight(size(point))
+      real(wp) :: straight(size(change))
       integer :: i, n
       logical :: is_regular
 
-      n = size(found%jacobian, 1)
+      n = objective%n_constraints
       do i = 1, 12
-         call objective%evaluate(point + change, trial, is_inside)
+         call objective%evaluate(objective%point + change, trial, is_inside)
          if (is_accepted()) exit
          straight = change
          if (is_inside) then
-            call lead_back(found%metric, found%jacobian, trial(:n), change, is_regular)
-            if (is_regular) call objective%evaluate(point + change, trial, is_inside)
+            call lead_back(objective%found, trial(:n), change, is_regular)
+            if (is_regular) call objective%evaluate(objective%point + change, trial, is_inside)
             if (is_regular .and. is_accepted()) exit
          end if
          change = 0.4_wp*straight
       end do
       if (.not. is_inside) return
-      point = point + change
+      objective%point = objective%point + change
       call move_alloc(trial, state)
 
    contains
@@ -145,64 +148,65 @@ contains
    end subroutine advance
 
    !> Adds the shortest step in the metric that makes the linearized constraints zero.
-   pure subroutine lead_back(metric, jacobian, constraints, change, is_regular)
-      real(wp), intent(in) :: metric(:, :), jacobian(:, :), constraints(:)
+   pure subroutine lead_back(found, constraints, change, is_regular)
+      type(search_result), intent(in) :: found
+      real(wp), intent(in) :: constraints(:)
       real(wp), intent(inout) :: change(:)
       logical, intent(out) :: is_regular
       real(wp) :: back(size(change)), multipliers(size(constraints))
 
-      call step_to_maximum(metric, jacobian, 0.0_wp*change, constraints, back, multipliers, &
-                           is_regular)
+      call step_to_maximum(found%metric, found%jacobian, 0.0_wp*change, constraints, back, &
+                           multipliers, is_regular)
       if (is_regular) change = change + back
    end subroutine lead_back
 
-   !> Moves `point` onto the constraints by the shortest steps in the metric of an earlier search.
+   !> Moves the point onto the constraints by the shortest steps in the metric of an earlier search.
    !> Each step updates its Jacobian (Broyden).
-   subroutine solve_along(objective, point, tolerance, max_iterations, found)
+   subroutine solve_along(objective, tolerance, max_iterations)
       class(objective_type), intent(inout) :: objective
-      real(wp), intent(inout) :: point(:)
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: max_iterations
-      type(search_result), intent(inout) :: found
-      real(wp) :: change(size(point)), constraints(size(found%jacobian, 1)), direction(size(point))
+      real(wp), dimension(size(objective%point)) :: change, direction
+      real(wp) :: constraints(objective%n_constraints)
       real(wp), allocatable :: state(:)
       integer :: i
       logical :: is_inside, is_regular
 
-      found%violation = huge(1.0_wp)
+      objective%found%violation = huge(1.0_wp)
       do i = 1, max_iterations
-         call objective%evaluate(point, state, is_inside)
+         call objective%evaluate(objective%point, state, is_inside)
          if (.not. is_inside) return
          constraints = state(:size(constraints))
-         found%violation = maxval(abs(constraints))
+         objective%found%violation = maxval(abs(constraints))
          if (i > 1) then   ! what the last step left over is the Jacobian's error along it
             direction = change/dot_product(change, change)
-            found%jacobian = found%jacobian + spread(constraints, 2, size(point)) &
-                             *spread(direction, 1, size(constraints))
+            objective%found%jacobian = objective%found%jacobian &
+                                       + spread(constraints, 2, size(change)) &
+                                         *spread(direction, 1, size(constraints))
          end if
-         if (found%violation <= tolerance) return
+         if (objective%found%violation <= tolerance) return
          change = 0.0_wp
-         call lead_back(found%metric, found%jacobian, constraints, change, is_regular)
+         call lead_back(objective%found, constraints, change, is_regular)
          if (.not. is_regular) return
-         point = point + change
+         objective%point = objective%point + change
       end do
    end subroutine solve_along
 
    !> Finds gradient and Jacobian by forward differences, or backward ones at the domain's edge.
-   subroutine differentiate(objective, point, state, step, gradient, jacobian, is_inside)
+   subroutine differentiate(objective, state, step, gradient, jacobian, is_inside)
       class(objective_type), intent(inout) :: objective
-      real(wp), intent(in) :: point(:), state(:), step
+      real(wp), intent(in) :: state(:), step
       real(wp), intent(out) :: gradient(:), jacobian(:, :)
       logical, intent(out) :: is_inside
       real(wp), allocatable :: moved_state(:)
-      real(wp) :: moved(size(point))
+      real(wp) :: moved(size(gradient))
       integer :: i, n, way
 
       n = size(jacobian, 1)
       is_inside = .true.
-      do i = 1, size(point)
+      do i = 1, size(moved)
          do way = 1, -1, -2
-            moved = point
+            moved = objective%point
             moved(i) = moved(i) + way*step
             call objective%evaluate(moved, moved_state, is_inside)
             if (is_inside) exit

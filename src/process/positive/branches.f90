@@ -14,7 +14,7 @@ module process_positive_branches
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream
    use core_text, only: rounded_text, to_text
-   use numerics_constrained_maximum, only: search_result
+   use numerics_constrained_maximum, only: maximize, search_result, solve_along
    use process_model, only: process_request
    use process_positive_family, only: by_coefficients, by_precision, free, &
                                       parameter_family
@@ -284,7 +284,6 @@ contains
    subroutine find_maximum(law)
       type(sampled_objective), intent(inout) :: law   !! begun with its metric, where that fits
       real(wp), parameter :: near = 0.05_wp
-      real(wp), allocatable :: metric(:, :)
       real(wp), allocatable :: room(:)
       integer, parameter :: max_steps = 8
       real(wp), parameter :: farthest = 0.5_wp   ! beyond, it may be one of another branch
@@ -293,17 +292,13 @@ contains
 
       if (law%family%has_given_shape() .and. allocated(law%found%jacobian)) then
          start = law%point
-         call law%meet_constraints(acceptable, max_steps)
+         call solve_along(law, acceptable, max_steps)
          law%found%is_converged = law%found%violation <= acceptable .and. &
                                   norm2(law%point - start) <= farthest
          return
       end if
       do
-         if (allocated(metric)) deallocate (metric)
-         if (allocated(law%found%metric)) then
-            if (size(law%found%metric, 1) == size(law%point)) metric = law%found%metric
-         end if
-         call law%move_to_maximum(branch_difference, acceptable, max_iterations, metric)
+         call maximize(law, branch_difference, acceptable, max_iterations)
          if (law%found%is_converged .or. law%family%has_given_shape() .or. &
              law%family%kind == free .or. law%is_exhausted() .or. &
              size(law%family%faces) == law%family%most_faces .or. &

@@ -8,6 +8,7 @@ module process_positive_fit
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
+   use numerics_constrained_maximum, only: solve_along
    use process_model, only: process_model_type, process_request
    use process_positive_description, only: compare_laws, describe_far_from_zero, describe_sampled, &
       outline_sampled
@@ -268,7 +269,7 @@ contains
          if (law%family%kind == by_symbol) then
             call settle_signs(law, error)
          else
-            call law%meet_constraints(matched, 20)
+            call solve_along(law, matched, 20)
          end if
       end subroutine match
 

@@ -6,7 +6,7 @@
 module process_positive_objective
    use core_kinds, only: wp
    use core_random, only: stream_type
-   use numerics_constrained_maximum, only: maximize, objective_type, search_result, solve_along
+   use numerics_constrained_maximum, only: objective_type
    use process_autoregressive_model, only: reflection_of
    use process_correlation, only: constraint_weights
    use process_positive_exact, only: entropy_of_exact_law, log_partition, sample_exact, &
@@ -24,14 +24,13 @@ module process_positive_objective
    integer, parameter :: n_batches = 16*lanes
    real(wp), parameter :: largest_ratio = 20.0_wp   !! std/mean: beyond, chains run away
 
-   !> The problem, the way to its parameters, how long is simulated, the last estimate, and where
-   !> the search is.
+   !> The problem, the way to its parameters, how long is simulated, and the last estimate. A point
+   !> is one of the family; constraints are the ratio, the length (both: L0 and L1 after it),
+   !> K(m)/K(0) of the lags where it is held at 0.
    type, extends(objective_type) :: sampled_objective
       type(sampled_problem) :: problem
       type(parameter_family) :: family
-      !> ratio, length (both: L0 and L1 after it), K(m)/K(0) of the lags where it is held at 0
-      integer :: n_constraints = 2
-      integer, allocatable :: zeros(:)               !! these lags
+      integer, allocatable :: zeros(:)               !! lags where K(m) is held at 0
       real(wp), allocatable :: known(:)              !! (0:n_lags) autocovariance of the companion
       real(wp), allocatable :: signs(:)              !! (0:n_lags) of K(m), by which sums are taken
       integer :: n_burn_in = 0                       !! steps, or sweeps
@@ -46,13 +45,9 @@ module process_positive_objective
       !> (batch, component) what is left of each batch's deviation from its state: of multipliers
       !> that of the first one alone, by the mean
       real(wp), allocatable :: rests(:, :)
-      real(wp), allocatable :: point(:)              !! see `parameter_family`
-      type(search_result) :: found                   !! of the search that led there
    contains
       procedure :: evaluate
       procedure :: gain
-      procedure :: move_to_maximum
-      procedure :: meet_constraints
       procedure :: settle
       procedure :: keep_lags
       procedure :: hold_at_zero
@@ -70,6 +65,7 @@ contains
       real(wp), allocatable :: weights(:)   ! a_m, m = 0..m_max
 
       objective%problem = problem
+      objective%n_constraints = 2
       objective%known = problem%autocovariance
       allocate (objective%signs(0:problem%n_lags), source=sign(1.0_wp, problem%autocovariance))
       allocate (objective%zeros(0), objective%family%faces(0))
@@ -241,36 +237,6 @@ contains
       if (self%problem%decay > 0.0_wp) &   ! as neighbours of a Markov process forget
          self%n_burn_in = max(self%n_burn_in, ceiling(12.0_wp/(1.0_wp - self%problem%decay)**2))
    end subroutine settle
-
-   !> Moves the point to the maximum.
-   subroutine move_to_maximum(self, step, tolerance, max_iterations, metric)
-      class(sampled_objective), intent(inout) :: self
-      real(wp), intent(in) :: step, tolerance          !! see `maximize`
-      integer, intent(in) :: max_iterations
-      real(wp), intent(in), optional :: metric(:, :)
-      type(search_result) :: found
-      real(wp) :: point(size(self%point))
-
-      point = self%point
-      call maximize(self, point, self%n_constraints, step, tolerance, max_iterations, found, metric)
-      self%point = point
-      self%found = found
-   end subroutine move_to_maximum
-
-   !> Moves the point onto the constraints, from a maximum nearby.
-   subroutine meet_constraints(self, tolerance, max_iterations)
-      class(sampled_objective), intent(inout) :: self
-      real(wp), intent(in) :: tolerance
-      integer, intent(in) :: max_iterations
-      type(search_result) :: found
-      real(wp) :: point(size(self%point))
-
-      point = self%point
-      found = self%found
-      call solve_along(self, point, tolerance, max_iterations, found)
-      self%point = point
-      self%found = found
-   end subroutine meet_constraints
 
    !> Keeps averages of the first lags one by one from now on: `n_single`, or as many as are held at
    !> zero.

@@ -9,7 +9,7 @@ module process_positive_search
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream
    use core_text, only: rounded_text, to_text
-   use numerics_constrained_maximum, only: search_result
+   use numerics_constrained_maximum, only: maximize, search_result
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_request
    use process_positive_branches, only: adopt_signs, climb
@@ -55,7 +55,7 @@ contains
       ratio = request%std/request%mean
       call begin(ratio)
       if (allocated(error)) return
-      call law%move_to_maximum(1.0e-4_wp, close_enough, 12)
+      call maximize(law, 1.0e-4_wp, close_enough, 12)
       ! far from the unconstrained optimum another branch may have the targets too: it is taken only
       ! where the family that is followed from there ends before them
       if (law%found%violation > close_enough .or. law%point(1) > farthest) then
@@ -69,7 +69,7 @@ contains
          end do
          law%problem%ratio = ratio
          if (limit >= ratio) then
-            call law%move_to_maximum(1.0e-4_wp, close_enough, 20)
+            call maximize(law, 1.0e-4_wp, close_enough, 20)
          else if (far%violation <= close_enough) then
             call begin(ratio)
             law%point = far_point
@@ -164,7 +164,7 @@ contains
       step = min(1.0e-5_wp, 0.01_wp*strength)
       is_free = strength > feeble
       if (is_free) then
-         call law%move_to_maximum(step, min(wanted, stationary*strength), max_iterations)
+         call maximize(law, step, min(wanted, stationary*strength), max_iterations)
          law%found%is_converged = max(law%found%violation, law%found%residual) &
                                   <= min(acceptable, stationary*strength)
       end if
@@ -188,7 +188,8 @@ contains
       end if
       if (.not. is_free) then
          law%point = family
-         call law%move_to_maximum(step, huge(1.0_wp), 1)
+         law%found = search_result()
+         call maximize(law, step, huge(1.0_wp), 1)
       else if (law%found%is_converged) then
          call refine(law, step, spread)
       end if

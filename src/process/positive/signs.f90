@@ -5,6 +5,7 @@ module process_positive_signs
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
+   use numerics_constrained_maximum, only: maximize, solve_along
    use process_correlation, only: constraint_weights
    use process_direct_fit, only: integer_signs
    use process_positive_objective, only: sampled_objective
@@ -180,7 +181,7 @@ contains
          was_free = .false.
          was_free(family%free) = .true.
          if (all(is_free .eqv. was_free)) then
-            call law%meet_constraints(matched, 20)
+            call solve_along(law, matched, 20)
          else
             family%free = pack([(m, m=1, size(is_free))], is_free)
             law%point = [law%point(1), family%s(family%free), law%point(n)]
@@ -190,7 +191,7 @@ contains
                if (abs(law%known(m)) <= 1.0e-9_wp*law%known(0)) &
                   law%signs(m) = sign(1.0_wp, family%s(m))
             end do
-            call law%move_to_maximum(difference, matched, 20)
+            call maximize(law, difference, matched, 20)
          end if
          family%s(family%free) = law%point(2:size(law%point) - 1)
       end associate
