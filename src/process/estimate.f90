@@ -309,14 +309,10 @@ contains
       do i = 1, size(pieces)
          associate (point => pieces(i)%point, row => pieces(i)%row)
             s = correlation_matrix(point, correlation)
-            allocate (solved(size(point), 1), source=0.0_wp)
+            solved = reshape(x(row), [size(point), 1])
             call solve_positive_definite(s, solved, error)   ! leaves its Cholesky factor in s
             if (allocated(error)) return
-            do j = 1, size(point)
-               x(row(j)) = x(row(j))/s(j, j)
-               x(row(j + 1:)) = x(row(j + 1:)) - s(j + 1:, j)*x(row(j))
-            end do
-            deallocate (s, solved)
+            x(row) = [(dot_product(s(j:, j), solved(j:, 1)), j=1, size(point))]   ! L' S^-1 x
          end associate
       end do
    end subroutine whiten

@@ -10,43 +10,35 @@ module process_autoregressive_spectral_factor
    use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
    implicit none(type, external)
    private
-   public :: equivalent_process, factor_symbol, change_of_factor, symbol_of_process, &
+   public :: equivalent_process, change_of_factor, symbol_of_process, &
              reciprocal_of_process
    public :: autocorrelation
 
 contains
 
-   !> Computes the autoregressive process of Eq. (39) whose inverse covariance has the given symbol.
-   pure subroutine equivalent_process(symbol, a, b0, is_positive)
-      real(wp), intent(in) :: symbol(0:)            !! g_m, m = 0..m_max
-      real(wp), allocatable, intent(out) :: a(:)    !! (m_max)
-      real(wp), intent(out) :: b0
-      logical, intent(out) :: is_positive           !! false: g has no such process
-
-      allocate (a(ubound(symbol, 1)), source=0.0_wp)
-      b0 = 1.0_wp
-      is_positive = symbol(0) > 0.0_wp
-      if (.not. is_positive) return
-      b0 = 1.0_wp/sqrt(symbol(0))
-      call factor_symbol(symbol, a, b0, is_positive)
-   end subroutine equivalent_process
-
-   !> Solves |B|^2 = g for B by Newton's method (Wilson, 1969), which converges from any stable
-   !> start for every positive symbol.
+   !> Computes the autoregressive process of Eq. (39) whose inverse covariance has the given symbol:
+   !> solves |B|^2 = g by Newton's method (Wilson, 1969), which converges from any stable start for
+   !> every positive symbol.
    !>
-   !> `a` and `b0` are the start and the result. Where the symbol is not positive, or so nearly zero
-   !> that double precision cannot tell, `is_positive` comes back false and `a`, `b0` mean nothing.
-   pure subroutine factor_symbol(symbol, a, b0, is_positive)
-      real(wp), intent(in) :: symbol(0:)   !! g_m, m = 0..order
-      real(wp), intent(inout) :: a(:)      !! a_q, q = 1..order; all zero is a start
-      real(wp), intent(inout) :: b0        !! positive; 1/sqrt(g_0) goes with a = 0
+   !> Where the symbol is not positive, or so nearly zero that double precision cannot tell,
+   !> `is_positive` comes back false and `a`, `b0` mean nothing.
+   pure subroutine equivalent_process(symbol, a, b0, is_positive)
+      real(wp), intent(in) :: symbol(0:)               !! g_m, m = 0..order
+      real(wp), allocatable, intent(inout) :: a(:)     !! a_q, q = 1..order; allocated: a start
+      real(wp), intent(inout) :: b0                    !! positive where it is one with a
       logical, intent(out) :: is_positive
       integer, parameter :: max_iterations = 80   ! one per halving of the nearest zero's distance
-      real(wp) :: factor(0:size(a)), defect(0:size(a)), error, last_error, rounding
-      real(wp) :: reciprocal(0:2*size(a))
+      real(wp), dimension(0:ubound(symbol, 1)) :: defect, factor
+      real(wp) :: error, last_error, reciprocal(0:2*ubound(symbol, 1)), rounding
       integer :: iteration
       logical :: is_last
 
+      is_positive = symbol(0) > 0.0_wp
+      if (.not. is_positive) return
+      if (.not. allocated(a)) then
+         a = 0.0_wp*symbol(1:)
+         b0 = 1.0_wp/sqrt(symbol(0))
+      end if
       rounding = 4*epsilon(1.0_wp)*symbol(0)
       factor = [1.0_wp, a]/b0
       last_error = huge(1.0_wp)
@@ -71,7 +63,7 @@ contains
       a = factor(1:)/factor(0)
       b0 = 1.0_wp/factor(0)
       is_positive = all(abs(reflection_of(a)) < 1.0_wp)
-   end subroutine factor_symbol
+   end subroutine equivalent_process
 
    !> The first-order change of B, (0:order), that a change of its symbol makes: B times the causal
    !! half of change/|B|^2.

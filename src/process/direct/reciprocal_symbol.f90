@@ -7,7 +7,7 @@
 !> zeros of g lie.
 module process_direct_reciprocal_symbol
    use core_kinds, only: two_pi, wp
-   use process_autoregressive_spectral_factor, only: change_of_factor, factor_symbol, &
+   use process_autoregressive_spectral_factor, only: change_of_factor, equivalent_process, &
                                                      reciprocal_of_process
    implicit none(type, external)
    private
@@ -37,19 +37,11 @@ contains
 
       m_max = ubound(symbol, 1)
       last = ubound(directions, 2)
-      evaluation%is_positive = symbol(0) > 0.0_wp
-      if (.not. evaluation%is_positive) return
-      if (.not. allocated(evaluation%a)) then
-         evaluation%a = 0.0_wp*symbol(1:)
-         evaluation%b0 = 1.0_wp/sqrt(symbol(0))
-      end if
-      associate (a => evaluation%a, b0 => evaluation%b0)
-         call factor_symbol(symbol, a, b0, evaluation%is_positive)
-         if (evaluation%is_positive) &
-            call reciprocal_of_process(a, b0, reciprocal, evaluation%is_positive)
-      end associate
+      call equivalent_process(symbol, evaluation%a, evaluation%b0, evaluation%is_positive)
+      if (evaluation%is_positive) &
+         call reciprocal_of_process(evaluation%a, evaluation%b0, reciprocal, evaluation%is_positive)
       if (.not. evaluation%is_positive) then
-         deallocate (evaluation%a)
+         if (allocated(evaluation%a)) deallocate (evaluation%a)
          return
       end if
       if (.not. allocated(evaluation%reciprocal)) &

@@ -77,8 +77,8 @@ contains
       symbol(1:) = symbol(1:)/2
    end function symbol_at
 
-   !> Corrects B by Newton's method, see `factor_symbol`, until a step changes B(1) by its rounding
-   !> only.
+   !> Corrects B by Newton's method, see `equivalent_process`, until a step changes B(1) by its
+   !> rounding only.
    pure subroutine refine_factor(symbol, factor, is_positive)
       real(extended), intent(in) :: symbol(0:)
       real(extended), intent(inout) :: factor(0:)   !! a start with zeros inside the circle

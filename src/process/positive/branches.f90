@@ -227,8 +227,8 @@ contains
       type(sampled_objective) :: before
       type(sampled_problem) :: problem
 
-      call new_problem(request, request%sampler, &
-                       new_stream(seed, label_of('positive process'), 0), problem, error, decay)
+      call new_problem(request, new_stream(seed, label_of('positive process'), 0), problem, error, &
+                       decay)
       if (allocated(error)) return
       problem%ratio = ratio
       before = law
@@ -331,7 +331,7 @@ contains
       logical :: is_inside
 
       n_steps = law%n_steps
-      allocate (is_held(size(law%signs)), source=law%problem%is_nonnegative)
+      allocate (is_held(size(law%signs)), source=law%problem%request%branch == 'nonnegative')
       do pass = 1, max_passes
          call compare_signs(law, surer*n_steps, autocovariance, is_wrong, is_inside, state)
          law%found%is_converged = is_inside
@@ -376,16 +376,17 @@ contains
       integer :: i, m, n_targets
 
       n_targets = law%n_constraints - size(law%zeros)
-      associate (moments => law%last%moments, problem => law%problem)
+      associate (moments => law%last%moments, request => law%problem%request)
          lengths = 0.0_wp   ! multipliers of L0 and L1
-         lengths(merge(2, 1, problem%correlation == 'L1')) = multipliers(2)/problem%length
-         if (n_targets == 3) lengths(2) = multipliers(3)/problem%second_length
+         lengths(merge(2, 1, request%correlation == 'L1')) = &
+            multipliers(2)/request%correlation_length
+         if (n_targets == 3) lengths(2) = multipliers(3)/request%second_length
          do i = 1, size(pulls)
             m = law%zeros(i)
             weight = lengths(1) + lengths(2)*(m - moments%l1)/(1.0_wp + moments%l0)
             total = law%signs(m)*weight + multipliers(n_targets + i)
             pulls(i) = max(total - weight, 0.0_wp)
-            if (-total - weight > pulls(i) .and. .not. problem%is_nonnegative) &
+            if (-total - weight > pulls(i) .and. request%branch /= 'nonnegative') &
                pulls(i) = total + weight
          end do
       end associate

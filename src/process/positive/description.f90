@@ -39,14 +39,14 @@ contains
    end subroutine describe_far_from_zero
 
    !> Describes the last evaluation in the unit of X: parameters of realizations, moments, entropy.
-   subroutine outline_sampled(request, law, model)
-      type(process_request), intent(in) :: request
+   subroutine outline_sampled(law, model)
       type(sampled_objective), intent(inout) :: law
       type(process_model_type), intent(inout) :: model
 
-      model%request = request
-      model%order = request%order
-      model%b0 = request%std/law%last%moments%std
+      model%request = law%problem%request
+      model%order = model%request%order
+      model%std = model%request%std
+      model%b0 = model%std/law%last%moments%std
       associate (last => law%last)
          if (allocated(last%a)) then
             model%a = last%a
@@ -64,13 +64,12 @@ contains
       model%l1_error = law%last%moments%l1_error
       model%mean = model%b0*law%last%moments%mean
       model%mean_error = model%b0*law%last%moments%mean_error
-      model%std = request%std
       model%std_error = model%b0*law%last%moments%std_error
       model%memory = law%problem%memory
       model%branch = branch_of(law%signs(1:))
       call law%find_entropy(model%entropy, model%entropy_error)
       model%entropy = model%entropy + log(model%b0)
-      model%entropy_bound = gaussian_entropy(request%std)
+      model%entropy_bound = gaussian_entropy(model%std)
       call note_acceptances(law, model%entropy_error, model)
    end subroutine outline_sampled
 
@@ -85,8 +84,7 @@ contains
    end function branch_of
 
    !> Describes the solution in the unit of X.
-   subroutine describe_sampled(request, law, spread, model, error)
-      type(process_request), intent(in) :: request
+   subroutine describe_sampled(law, spread, model, error)
       type(sampled_objective), intent(inout) :: law
       type(shape_spread), intent(in) :: spread
       type(process_model_type), intent(inout) :: model
@@ -94,7 +92,7 @@ contains
       real(wp) :: by_shape(2)
       integer :: m
 
-      call outline_sampled(request, law, model)
+      call outline_sampled(law, model)
       by_shape = spread%length_errors()
       model%l0_error = hypot(model%l0_error, by_shape(1))
       model%l1_error = hypot(model%l1_error, by_shape(2))
@@ -107,7 +105,7 @@ contains
       end if
       call describe_lags(law, spread, model, error)
       if (allocated(error)) return
-      m = min(request%order, law%problem%n_lags)
+      m = min(model%order, law%problem%n_lags)
       model%l0_cut = correlation_length('L0', model%autocovariance(0:m))
       model%l1_cut = correlation_length('L1', model%autocovariance(0:m))
    end subroutine describe_sampled
@@ -179,22 +177,23 @@ contains
    !> both. The exact law is left out where it remembers more than its fits carry or forgets a start
    !> in too many sweeps, either where its mu is beyond what is sampled. Not for a law that is given
    !> by G alone.
-   subroutine compare_laws(request, law, model)
-      type(process_request), intent(in) :: request
+   subroutine compare_laws(law, model)
       type(sampled_objective), intent(in) :: law
       type(process_model_type), intent(inout) :: model
       integer, parameter :: moment_steps = 1024, entropy_steps = 256   ! of a batch
       integer, parameter :: most_sweeps = 10000   ! of a burn-in: some seconds
       type(error_type), allocatable :: error
+      type(process_request) :: request
       type(sampled_problem) :: problem
       type(sampled_objective) :: other
       real(wp), allocatable :: state(:)
       real(wp) :: coordinate, other_error
       logical :: is_inside
 
-      call new_problem(request, merge('exact     ', 'sequential', &
-                                      request%sampler == 'sequential'), law%problem%stream, &
-                       problem, error, law%problem%decay, law%problem%sequence)
+      request = law%problem%request
+      request%sampler = merge('exact     ', 'sequential', request%sampler == 'sequential')
+      call new_problem(request, law%problem%stream, problem, error, law%problem%decay, &
+                       law%problem%sequence)
       if (allocated(error)) return   ! longer than it is sampled: not known
       call new_objective(problem, other)
       other%family = law%family

@@ -275,6 +275,7 @@ contains
       do
          call equivalent_process(weaker, a, b0, is_positive)
          if (is_positive) exit
+         deallocate (a)
          weaker(1:) = 0.8_wp*weaker(1:)
       end do
       kappa = reflection_of(a)

@@ -33,7 +33,6 @@ module process_positive_first_order
       character(:), allocatable :: correlation
       real(wp) :: length = 0.0_wp
       logical :: is_sequential = .false., is_alternating = .false.
-      logical :: is_limit = .false.         !! outer = minus infinity; the inner one: see `evaluate`
       real(wp) :: outer = 0.0_wp
    end type family_type
 
@@ -119,14 +118,16 @@ contains
                  to_text(excess)//' (relative) from std/mean')
    end subroutine match_branch
 
-   !> Finds the largest std/mean of a branch at the request's length; `huge` where even the
-   !> strongest alternation that the nodes resolve has a shorter length.
+   !> Finds the largest std/mean of a branch at the request's length, where the outer parameter is
+   !> as good as minus infinity; `huge` where even the strongest alternation that the nodes resolve
+   !> has a shorter length.
    subroutine find_limit(request, is_alternating, limit, error)
       type(process_request), intent(in) :: request   !! of any order
       logical, intent(in) :: is_alternating
       real(wp), intent(out) :: limit
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: strongest = log(1.0e6_wp)   ! -r/field^2 that the nodes resolve
+      real(wp), parameter :: farthest = 60.0_wp
+      real(wp), parameter :: strongest = log(1.0e6_wp)   ! ln (-r/field^2) that the nodes resolve
       type(family_type) :: family
       type(first_order_law) :: law
       real(wp) :: inner
@@ -134,15 +135,19 @@ contains
       limit = huge(1.0_wp)
       call begin_family(request, is_alternating, family, error)
       if (allocated(error)) return
-      family%is_limit = .true.
+      family%outer = -farthest
       inner = log(family%length)
       if (is_alternating) then
-         call evaluate(family, strongest, law, error)
-         if (allocated(error)) return
-         if (length_of(law, family%correlation) <= family%length) return
-      else
-         inner = 0.5_wp*inner   ! so it is at any length, but under the exact law
-         if (.not. family%is_sequential) inner = max(inner, 3.0_wp*inner + 0.6_wp)
+         associate (scale => farthest + log(-gaussian_r(family)))   ! ln -r
+            call evaluate(family, 0.5_wp*(strongest - scale), law, error)
+            if (allocated(error)) return
+            if (length_of(law, family%correlation) <= family%length) return
+            inner = 0.5_wp*(inner - scale)
+         end associate
+      else if (family%is_sequential) then   ! minus ln of minus the field is 0.5 ln length
+         inner = 2.0_wp*farthest + inner
+      else                                  ! or, as the length grows, 1.5 ln length
+         inner = (farthest + max(0.5_wp*inner, 1.5_wp*inner + 0.6_wp))/1.5_wp
       end if
       call match_length(family, inner, law, error)
       if (.not. allocated(error)) limit = law%std/law%mean
@@ -186,7 +191,7 @@ contains
       real(wp), intent(inout) :: inner         !! a guess; then that of the law
       type(first_order_law), intent(out) :: law
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: farthest = 100.0_wp
+      real(wp), parameter :: farthest = 200.0_wp
       type(root_search) :: search
       real(wp) :: excess, last, trial
       integer :: step
@@ -210,38 +215,34 @@ contains
                  to_text(family%length))
    end subroutine match_length
 
-   !> Computes the law of a family at an inner parameter. At a limit that is -ln of minus the field
-   !> or, alternating, ln -r.
+   !> Computes the law of a family at an inner parameter.
    subroutine evaluate(family, inner, law, error)
       type(family_type), intent(in) :: family
       real(wp), intent(in) :: inner
       type(first_order_law), intent(out) :: law
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: field, r, slack, steepness
+      real(wp) :: field, r, slack
 
-      steepness = 1.0_wp
-      slack = 1.0_wp
-      if (family%is_alternating .and. family%is_limit) then
-         r = -exp(inner)
-         field = -1.0_wp
-         steepness = 0.0_wp
-      else if (family%is_alternating) then
-         r = -family%length/(1.0_wp + family%length)   ! of the Gaussian process, Eq. (39)
-         if (.not. family%is_sequential) r = r/(1.0_wp + r**2)
-         r = r*(1.0_wp + exp(-family%outer))
+      if (family%is_alternating) then
+         r = gaussian_r(family)*(1.0_wp + exp(-family%outer))
+         slack = 1.0_wp
          field = stretched(inner)
-      else if (family%is_limit) then
-         r = 1.0_wp
-         slack = 0.0_wp
-         field = -exp(-inner)
       else
          r = 1.0_wp/(1.0_wp + exp(-inner))
          slack = 1.0_wp/(1.0_wp + exp(inner))
          field = stretched(family%outer)*slack**merge(1, 2, family%is_sequential) &
                  /sqrt(slack*(1.0_wp + r))
       end if
-      call new_first_order_law(r, slack, steepness, field, family%is_sequential, law, error)
+      call new_first_order_law(r, slack, 1.0_wp, field, family%is_sequential, law, error)
    end subroutine evaluate
+
+   !> r of the Gaussian process whose K(m) alternate and have the length, Eq. (39).
+   pure real(wp) function gaussian_r(family) result(r)
+      type(family_type), intent(in) :: family
+
+      r = -family%length/(1.0_wp + family%length)
+      if (.not. family%is_sequential) r = r/(1.0_wp + r**2)
+   end function gaussian_r
 
    !> Describes the process in the unit of X. Where K(m) alternates: by the recursion of the
    !> sequential law, by the matrix G of the exact one.

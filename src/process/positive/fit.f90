@@ -80,7 +80,7 @@ contains
             if (.not. allocated(error)) call finish(request, law, spread, model, error)
          end if
          if (.not. allocated(error)) then
-            if (allocated(law%last%a)) call compare_laws(request, law, model)
+            if (allocated(law%last%a)) call compare_laws(law, model)
             model%optimality = law%found%residual
             if (request%method == 'direct') then
                call multipliers_of(law, model%b0, solution, model%optimality)
@@ -148,7 +148,7 @@ contains
          end if
          law%most_effort = huge(1.0_wp)
          call law%evaluate(law%point, unused, is_inside)
-         if (is_exact .or. law%problem%decay > 0.0_wp) call outline_sampled(request, law, model)
+         if (is_exact .or. law%problem%decay > 0.0_wp) call outline_sampled(law, model)
       end if
       if (allocated(error)) return
       one%method = 'autoregressive'   ! tells roughly
@@ -223,7 +223,7 @@ contains
       before = model
       do pass = 1, 2
          call match_targets(law, request%fit_steps, error)
-         if (.not. allocated(error)) call describe_sampled(request, law, spread, model, error)
+         if (.not. allocated(error)) call describe_sampled(law, spread, model, error)
          if (.not. allocated(error)) return
          model = before
          if (request%method == 'direct' .or. .not. law%found%is_converged .or. pass == 2) return
@@ -248,8 +248,9 @@ contains
       if (allocated(error)) return
       associate (moments => law%last%moments, problem => law%problem)
          excess = max(moments%ratio_error/(ratio_goal*problem%ratio), &
-                      merge(moments%l1_error, moments%l0_error, problem%correlation == 'L1') &
-                      /(length_goal*problem%length))
+                      merge(moments%l1_error, moments%l0_error, &
+                            problem%request%correlation == 'L1') &
+                      /(length_goal*problem%request%correlation_length))
       end associate
       if (excess > 1.0_wp .and. fit_steps == 0 .and. law%found%violation <= missed) then
          law%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))

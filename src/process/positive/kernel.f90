@@ -17,7 +17,7 @@ module process_positive_kernel
 
    !> The kernel of two neighbours x, y is exp(-s (x^2 + y^2)/4 + r x y + f (x + y)/2): r > 0 in
    !> units of b0, s = 1 + r^2; r < 0 in units of 1/sqrt(s), s = 1. For the sequential law s = 1,
-   !> over the roots of both acceptances. At the limits mu is minus infinity: slack = 0, or s = 0.
+   !> over the roots of both acceptances.
    type :: first_order_law
       logical :: is_sequential = .false.
       real(wp) :: r = 0.0_wp              !! -a_1; K(m) has the signs of r^m
@@ -90,7 +90,7 @@ contains
       log_perron = log(perron) + 2.0_wp*log_scale
       if (.not. is_sequential) then
          call describe_partition(law, log_perron)
-      else if (steepness > 0.0_wp) then
+      else
          call describe_acceptances(law, field + r*law%nodes, vector**2)
       end if
    end subroutine new_first_order_law
@@ -102,8 +102,7 @@ contains
       real(wp), parameter :: far = 38.0_wp     ! -ln of what is left out
       real(wp) :: strength
 
-      reach = huge(1.0_wp)
-      if (law%slack > 0.0_wp) reach = beyond/sqrt(law%slack*(1.0_wp + law%r))
+      reach = beyond/sqrt(law%slack*(1.0_wp + law%r))
       if (law%field >= 0.0_wp) return
       strength = max(-law%field, far/huge(1.0_wp))
       reach = min(reach, far/strength)
@@ -147,8 +146,7 @@ contains
    end subroutine lay_nodes
 
    !> Does for r < 0 what `lay_nodes` does, beside exp(r x y), with nodes that are denser near 0,
-   !> where every other value is. phi(c)/Phi(c), c the conditional mean, stands for the acceptance;
-   !> for steepness 0 its limit but for a constant.
+   !> where every other value is. phi(c)/Phi(c), c the conditional mean, stands for the acceptance.
    pure subroutine lay_alternating_nodes(law, weights, part, vector)
       type(first_order_law), intent(inout) :: law
       real(wp), allocatable, intent(out) :: weights(:), part(:), vector(:)   !! (node)
@@ -159,9 +157,7 @@ contains
       real(wp) :: reach
       integer :: n
 
-      reach = huge(1.0_wp)
-      if (law%steepness > 0.0_wp) reach = max(law%field, 0.0_wp)/law%steepness &
-                                          + beyond/sqrt(law%steepness)
+      reach = max(law%field, 0.0_wp)/law%steepness + beyond/sqrt(law%steepness)
       if (law%field < 0.0_wp) reach = min(reach, -far/law%field)
       n = n_nodes + ceiling(nodes_per_unit*min(reach, 100.0_wp))
       allocate (t(n), weights(n))
@@ -171,13 +167,9 @@ contains
       part = 0.5_wp*law%field*law%nodes - 0.25_wp*law%steepness*law%nodes**2
       if (.not. law%is_sequential) return
       c = law%field + law%r*law%nodes
-      if (law%steepness > 0.0_wp) then
-         hazard = 0.5_wp*merge(log(hazard_ratio(min(c, 0.0_wp))), &
-                               -0.5_wp*c**2 - log_sqrt_two_pi - log_acceptance(max(c, 0.0_wp)), &
-                               c < 0.0_wp)
-      else
-         hazard = 0.5_wp*log(-c)
-      end if
+      hazard = 0.5_wp*merge(log(hazard_ratio(min(c, 0.0_wp))), &
+                            -0.5_wp*c**2 - log_sqrt_two_pi - log_acceptance(max(c, 0.0_wp)), &
+                            c < 0.0_wp)
       vector = part - hazard
       part = part + hazard
    end subroutine lay_alternating_nodes
@@ -201,8 +193,8 @@ contains
    end function decay_of
 
    !> Finds the largest eigenvalue and its vector, the only one of one sign: by inverse iteration
-   !> with shifts above that value (Noda), so that no other one is nearer. Fails where the kernel is
-   !> not finite.
+   !> with shifts above that value, once powers have made it the largest part of the vector, so that
+   !> no other one is nearer. Fails where the kernel is not finite.
    subroutine find_perron(kernel, vector, perron, error)
       real(wp), intent(in) :: kernel(:, :)               !! (n, n) symmetric, positive
       real(wp), allocatable, intent(out) :: vector(:)    !! (n) of norm 1
@@ -211,7 +203,7 @@ contains
       integer, parameter :: n_powers = 30, max_steps = 12
       real(wp), parameter :: settled = 1.0e-13_wp
       real(wp), allocatable :: next(:), shifted(:, :)
-      real(wp) :: shift
+      real(wp) :: rest
       integer :: i, step
 
       allocate (vector(size(kernel, 1)), source=1.0_wp)
@@ -222,11 +214,11 @@ contains
       do step = 0, max_steps
          next = matmul(kernel, vector)
          perron = dot_product(vector, next)
-         if (norm2(next - perron*vector) <= settled*perron) return
-         shift = bound_above(next, vector)
+         rest = norm2(next - perron*vector)
+         if (rest <= settled*perron) return
          shifted = kernel
          do i = 1, size(vector)
-            shifted(i, i) = shifted(i, i) - shift
+            shifted(i, i) = shifted(i, i) - (perron + rest)
          end do
          call solve_linear_system(shifted, vector, next, error)
          if (allocated(error)) return
@@ -234,16 +226,6 @@ contains
       end do
       call raise(error, exit_no_solution, 'positive process of order 1: nodes do not resolve it')
    end subroutine find_perron
-
-   !> Bound of the largest eigenvalue (Collatz, Wielandt), by the components that count.
-   pure function bound_above(image, vector) result(bound)
-      real(wp), intent(in) :: image(:), vector(:)   !! A v, v
-      real(wp) :: bound
-      real(wp) :: least
-
-      least = 1.0e-3_wp*maxval(vector)
-      bound = maxval(image/max(vector, least), mask=vector >= least)
-   end function bound_above
 
    !> Computes mean, std and both lengths: with w = (x - mean) v the lags are K(m) = w'A^m w, |K(m)|
    !> the same of -A where they alternate.
@@ -281,7 +263,7 @@ contains
          psi = psi + 0.5_wp*(law%field/law%slack)**2
       law%entropy = psi + 0.5_wp - 0.5_wp*law%field*law%mean
       law%log_lambda = log_perron - log_sqrt_two_pi
-      if (law%field < 0.0_wp .and. law%slack > 0.0_wp) &
+      if (law%field < 0.0_wp) &
          law%log_lambda = law%log_lambda - 0.5_wp*(law%field/law%slack)**2
    end subroutine describe_partition
 

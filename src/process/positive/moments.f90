@@ -41,7 +41,6 @@ module process_positive_moments
    !> Orthonormal controls over the batches, and what remains of their averages' errors.
    type :: control_type
       private
-      integer :: n_groups = 0   !! independent runs; batch i belongs to run mod(i, n_groups)
       real(wp), allocatable :: direction(:, :)   !! (batch, control), centred, orthonormal
       !> (control) average less known mean, same combination
       real(wp), allocatable :: excess(:)
@@ -266,7 +265,7 @@ contains
       do m = 1, order
          deviations(:, 1 + n + m) = batches%y(m, :) - companion(m)
       end do
-      control = new_control(deviations, lanes)
+      control = new_control(deviations)
    end function controls_of
 
    !> Estimates K(m), m = 0..last, and standard errors; each lag with its own lag of the companion
@@ -289,7 +288,7 @@ contains
          deviations(:, 1) = batches%y(-1, :)
          deviations(:, 2) = batches%y(0, :) - companion(0)
          deviations(:, 3) = batches%y(m, :) - companion(m)
-         control = new_control(deviations, lanes)
+         control = new_control(deviations)
          call control%free(batches%x(-1, :), offset, centre_rest)
          call control%free(batches%x(m, :), autocovariance(m), rest)
          autocovariance(m) = autocovariance(m) - offset**2
@@ -300,14 +299,12 @@ contains
    end subroutine estimate_autocovariance
 
    !> Controls from their batch averages less their known means.
-   pure function new_control(deviations, n_groups) result(control)
+   pure function new_control(deviations) result(control)
       real(wp), intent(in) :: deviations(:, :)   !! (batch, control)
-      integer, intent(in) :: n_groups            !! runs, whose batches follow one another in turns
       type(control_type) :: control
       real(wp) :: excess, norm, column(size(deviations, 1)), overlap
       integer :: i, j, pass
 
-      control%n_groups = n_groups
       allocate (control%direction(size(deviations, 1), 0), control%excess(0))
       do j = 1, size(deviations, 2)
          excess = sum(deviations(:, j))/size(column)
@@ -351,16 +348,16 @@ contains
    end subroutine free
 
    !> Standard error of an average, from the residuals of its batches. Batches of one run may depend
-   !> on each other, runs do not.
+   !> on each other, runs do not: batch i belongs to run mod(i, lanes).
    pure function standard_error(self, rest) result(error)
       class(control_type), intent(in) :: self
       real(wp), intent(in) :: rest(:)     !! (batch)
       real(wp) :: error
-      real(wp) :: n, runs(self%n_groups)
+      real(wp) :: n, runs(lanes)
 
       n = size(rest)
-      runs = sum(reshape(rest, [self%n_groups, size(rest)/self%n_groups]), dim=2)/n
-      error = sqrt(sum(runs**2)*self%n_groups/(self%n_groups - 1.0_wp)*n/(n - size(self%excess)))
+      runs = sum(reshape(rest, [lanes, size(rest)/lanes]), dim=2)/n
+      error = sqrt(sum(runs**2)*lanes/(lanes - 1.0_wp)*n/(n - size(self%excess)))
    end function standard_error
 
 end module process_positive_moments

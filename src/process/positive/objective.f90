@@ -79,7 +79,8 @@ contains
       if (allocated(problem%symbol)) then
          objective%family%kind = by_symbol
          allocate (objective%family%free(0))
-         weights = constraint_weights(problem%correlation, problem%length, size(problem%symbol))
+         weights = constraint_weights(problem%request%correlation, &
+                                      problem%request%correlation_length, size(problem%symbol))
          ! some |s_m| are 1, and no other lag has a larger |G_m/a_m|; where a_m = 0 the sign does
          ! not matter
          associate (a => weights(2:), symbol => problem%symbol, family => objective%family)
@@ -135,13 +136,16 @@ contains
          if (allocated(self%rests)) deallocate (self%rests)
          allocate (self%rests(n_batches, self%n_constraints + n_features), source=0.0_wp)
          call add(all%ratio/problem%ratio - 1.0_wp, all%rests(:, 2)/problem%ratio)
-         if (problem%correlation == 'L1') then
-            call add(cut%l1/problem%length - 1.0_wp, cut%rests(:, 4)/problem%length)
-         else
-            call add(cut%l0/problem%length - 1.0_wp, cut%rests(:, 3)/problem%length)
-         end if
-         if (self%n_constraints - size(self%zeros) == 3) &
-            call add(cut%l1/problem%second_length - 1.0_wp, cut%rests(:, 4)/problem%second_length)
+         associate (length => problem%request%correlation_length, &
+                    second => problem%request%second_length)
+            if (problem%request%correlation == 'L1') then
+               call add(cut%l1/length - 1.0_wp, cut%rests(:, 4)/length)
+            else
+               call add(cut%l0/length - 1.0_wp, cut%rests(:, 3)/length)
+            end if
+            if (self%n_constraints - size(self%zeros) == 3) &
+               call add(cut%l1/second - 1.0_wp, cut%rests(:, 4)/second)
+         end associate
          do i = 1, size(self%zeros)
             associate (rho => k(self%zeros(i))/k(0))
                call add(rho, (lags(:, self%zeros(i)) - rho*lags(:, 0))/k(0))

@@ -14,7 +14,7 @@ module process_positive_problem
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
    use process_direct_fit, only: coefficients_of_solution, fit_unconstrained
    use process_direct_sign_sequence, only: sequence_solution
-   use process_model, only: positive_name, process_model_type, process_request
+   use process_model, only: lengths_of, positive_name, process_model_type, process_request
    use process_positive_sequential, only: memory_of
    implicit none(type, external)
    private
@@ -23,13 +23,10 @@ module process_positive_problem
    !> Targets under the law of one-at-a-time rejection (Sec. 2.4) or of Eq. (25), and the
    !> unconstrained process of the wanted length, its companion.
    type :: sampled_problem
+      type(process_request) :: request
       character(:), allocatable :: name              !! for messages
       logical :: is_exact = .false.                  !! the law is that of Eq. (25)
-      character(:), allocatable :: correlation       !! 'L0', 'L1' or 'both'
-      real(wp) :: ratio = 0.0_wp                     !! std/mean
-      real(wp) :: length = 0.0_wp                    !! [lags]
-      real(wp) :: second_length = 0.0_wp             !! both: L1, the other one being L0 [lags]
-      logical :: is_nonnegative = .false.            !! K(m) >= 0 is wanted
+      real(wp) :: ratio = 0.0_wp                     !! std/mean: wanted, or on the way there
       integer :: cut = 0                             !! lags of imposed sums, Eq. (11); 0: all
       type(stream_type) :: stream                    !! where the numbers of every trial begin
       real(wp), allocatable :: companion(:)          !! a_q of the companion
@@ -46,11 +43,10 @@ module process_positive_problem
 
 contains
 
-   !> Poses the problem of a request under the law of a sampler's name. Fails for bad numbers and
-   !> where more lags count than a search carries in a minute or two.
-   subroutine new_problem(request, sampler, stream, problem, error, decay, sequence)
+   !> Poses the problem of a request. Fails for bad numbers and where more lags count than a search
+   !> carries in a minute or two.
+   subroutine new_problem(request, stream, problem, error, decay, sequence)
       type(process_request), intent(in) :: request
-      character(*), intent(in) :: sampler
       type(stream_type), intent(in) :: stream
       type(sampled_problem), intent(out) :: problem
       type(error_type), allocatable, intent(out) :: error
@@ -66,12 +62,13 @@ contains
       real(wp), allocatable :: g(:), kappa(:), rho(:)
       integer :: m
 
-      if (sampler /= 'sequential' .and. sampler /= 'exact') then
-         call raise(error, exit_bad_input, "sampler = '"//trim(sampler)// &
+      problem%request = request
+      problem%is_exact = request%sampler == 'exact'
+      if (.not. (problem%is_exact .or. request%sampler == 'sequential')) then
+         call raise(error, exit_bad_input, "sampler = '"//trim(request%sampler)// &
                     "': must be 'sequential' or 'exact'")
          return
       end if
-      problem%is_exact = sampler == 'exact'
       call solve_unconstrained(request, unconstrained, error, sequence)
       if (request%correlation == 'both') call take_lower_order(request, unconstrained, error)
       if (allocated(error)) return
@@ -81,11 +78,7 @@ contains
       if (allocated(error)) return
       kappa = [kappa, spread(0.0_wp, 1, request%order - size(kappa))]
       problem%name = positive_name(request)
-      problem%correlation = trim(request%correlation)
       problem%ratio = request%std/request%mean
-      problem%length = request%correlation_length
-      problem%second_length = request%second_length
-      problem%is_nonnegative = request%branch == 'nonnegative'
       problem%l0 = sums%l0
       problem%stream = stream
       problem%n_lags = max(size(kappa), memory_of(unconstrained%poles, 1.0e-4_wp))
@@ -101,9 +94,9 @@ contains
       problem%companion = coefficients_of(kappa)
       if (problem%n_lags > most_lags(merge(2, 1, problem%is_exact)) .or. &
           problem%is_exact .and. problem%l0 > longest) then
-         call raise(error, exit_no_solution, 'positive process ('//trim(sampler)//' law) with '// &
-                    trim(request%correlation)//' = '//to_text(request%correlation_length)// &
-                    ', order = '//to_text(request%order)//': '//to_text(problem%n_lags)// &
+         call raise(error, exit_no_solution, 'positive process ('//trim(request%sampler)// &
+                    ' law) with '//lengths_of(request)//', order = '//to_text(request%order)// &
+                    ': '//to_text(problem%n_lags)// &
                     ' lags count; the sequential law is sampled to 4000 of them, the exact one '// &
                     'to 600 and to L0 = 10; order 1 is solved without sampling')
          return

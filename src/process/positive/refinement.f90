@@ -7,7 +7,7 @@
 module process_positive_refinement
    use core_kinds, only: wp
    use numerics_constrained_maximum, only: step_to_maximum
-   use process_autoregressive_model, only: step_up
+   use process_autoregressive_model, only: autocovariance_of, step_up
    use process_positive_objective, only: sampled_objective
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_truncated_normal, only: lanes
@@ -159,21 +159,16 @@ contains
       real(wp), intent(in) :: rho(0:)
       integer, intent(in) :: n_lags
       real(wp) :: longer(0:n_lags)
-      real(wp) :: a(ubound(rho, 1)), kappa, variance
-      integer :: m, order
+      real(wp) :: a(ubound(rho, 1)), kappa(ubound(rho, 1)), variance
+      integer :: m
 
-      order = min(ubound(rho, 1), n_lags)
-      longer(:order) = rho(:order)
-      a = 0.0_wp
       variance = rho(0)
-      do m = 1, order
-         kappa = -(rho(m) + dot_product(a(:m - 1), rho(m - 1:1:-1)))/variance
-         call step_up(a, m, kappa)
-         variance = variance*(1.0_wp - kappa**2)
+      do m = 1, size(kappa)
+         kappa(m) = -(rho(m) + dot_product(a(:m - 1), rho(m - 1:1:-1)))/variance
+         call step_up(a, m, kappa(m))
+         variance = variance*(1.0_wp - kappa(m)**2)
       end do
-      do m = order + 1, n_lags
-         longer(m) = -dot_product(a(:order), longer(m - 1:m - order:-1))
-      end do
+      longer = rho(0)*autocovariance_of(kappa, n_lags)
    end function carried_on
 
 end module process_positive_refinement

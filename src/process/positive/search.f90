@@ -95,16 +95,17 @@ contains
          real(wp) :: b0, mu, sigma, std
 
          std = ratio_there*request%mean
-         if (has_negative(sequence)) std = min(std, steep*request%mean)   ! it may exceed the mean
+         if (present(sequence)) then   ! std may exceed the mean
+            if (any(sequence%s < 0.0_wp)) std = min(std, steep*request%mean)
+         end if
          call fit_truncated_normal(request%mean, std, mu, sigma, error)
          if (allocated(error) .and. request%mean > 0.0_wp) &
             call raise(error, exit_no_solution, 'positive process with std/mean = '// &
                        rounded_text(ratio, 6)//': K(m) >= 0 needs std < mean')
          if (allocated(error)) return
          if (.not. allocated(law%point)) then
-            call new_problem(request, request%sampler, &
-                             new_stream(seed, label_of('positive process'), 0), problem, error, &
-                             sequence=sequence)
+            call new_problem(request, new_stream(seed, label_of('positive process'), 0), problem, &
+                             error, sequence=sequence)
             if (allocated(error)) return
             call new_objective(problem, law)
             if (present(most_effort)) law%most_effort = most_effort
@@ -120,13 +121,6 @@ contains
 
    end subroutine approach
 
-   pure logical function has_negative(sequence)
-      type(sequence_solution), intent(in), optional :: sequence
-
-      has_negative = .false.
-      if (present(sequence)) has_negative = any(sequence%s < 0.0_wp)
-   end function has_negative
-
    !> Finds the maximum with every coefficient free.
    subroutine find_shape(law, spread, error)
       type(sampled_objective), intent(inout) :: law
@@ -134,7 +128,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       law%n_steps = search_steps
-      if (law%problem%correlation == 'both') law%n_constraints = 3   ! a shape of its own has room
+      if (law%problem%request%correlation == 'both') law%n_constraints = 3   ! a shape has room
       associate (factor => exp(law%point(1)), is_near => law%point(1) <= farthest)
          law%family%factor = merge(factor, 1.0_wp, is_near)
          law%point = [factor/law%family%factor*law%family%direction, law%point(2)]
@@ -167,24 +161,21 @@ contains
          call maximize(law, step, min(wanted, stationary*strength), max_iterations)
          law%found%is_converged = max(law%found%violation, law%found%residual) &
                                   <= min(acceptable, stationary*strength)
+         is_free = law%found%is_converged .or. strength > weak
       end if
       if (is_free .and. law%found%is_converged) then
          call estimate_autocovariance(law%last%batches, law%known, order, &
                                       autocovariance, standard_error)
-         if (strength > weak) call require_signs(law, autocovariance, standard_error, error)
+         if (strength > weak) then
+            call require_signs(law, autocovariance, standard_error, error)
+         else
+            is_free = all(autocovariance*sign(1.0_wp, law%known(0:order)) > -4.0_wp*standard_error)
+         end if
          if (allocated(error)) then
             deallocate (error)
             call adopt_signs(law, autocovariance)
             if (.not. law%found%is_converged) return
          end if
-      end if
-      if (is_free .and. strength <= weak) then
-         call estimate_autocovariance(law%last%batches, law%known, order, &
-                                      autocovariance, standard_error)
-         associate (companion => law%known(0:order))
-            is_free = law%found%is_converged .and. &
-                      all(autocovariance*sign(1.0_wp, companion) > -4.0_wp*standard_error)
-         end associate
       end if
       if (.not. is_free) then
          law%point = family

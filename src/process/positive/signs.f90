@@ -107,7 +107,9 @@ contains
       integer :: m
 
       g = law%last%g/b0**2
-      weights = constraint_weights(law%problem%correlation, law%problem%length, ubound(g, 1))
+      associate (request => law%problem%request)
+         weights = constraint_weights(request%correlation, request%correlation_length, ubound(g, 1))
+      end associate
       solution%signs = integer_signs(law%family%s)
       m = maxloc(abs(weights(1:)), 1, solution%signs /= 0)
       lambda_2 = g(m)/(weights(m)*law%family%s(m))

@@ -7,6 +7,7 @@ module process_positive_truncated_normal
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: rounded_text, to_text
+   use numerics_roots, only: root_search
    implicit none(type, external)
    private
    public :: lanes, draw_truncated, draw_truncated_lanes, truncated_variance
@@ -212,7 +213,8 @@ contains
       real(wp), intent(in) :: mean, std
       real(wp), intent(out) :: mu, sigma
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: c, high, low, m, v
+      type(root_search) :: search
+      real(wp) :: c, last, m, v
       integer :: i
 
       mu = 0.0_wp
@@ -228,22 +230,15 @@ contains
          end if
          return
       end if
-      ! std/mean falls with c: about 1/c for c >> 1, 1 - 1/c^2 for c << -1
-      high = mean/std
-      low = -2.0_wp/sqrt(1.0_wp - std/mean)
+      c = mean/std   ! 1/c is about std/mean, which falls with c, for c >> 1
       do i = 1, 200
-         c = 0.5_wp*(low + high)
-         if (c <= low .or. c >= high) exit
+         last = c
          call relative_moments(c, m, v)
-         if (sqrt(v)*mean > std*m) then
-            low = c
-         else
-            high = c
-         end if
+         call search%advance(c, log(std*m/(sqrt(v)*mean)))
+         if (.not. abs(c - last) > spacing(last)) exit
       end do
-      call relative_moments(c, m, v)
       sigma = mean/m
-      mu = c*sigma
+      mu = last*sigma
    end subroutine fit_truncated_normal
 
    !> The t >= 0 with Q(k + t) = u Q(k), Q the upper tail of the normal law, mills = Q(k)/phi(k),
