@@ -16,7 +16,7 @@ module process_order
    use core_text, only: to_text
    use process_direct_fit, only: fit_unconstrained
    use process_direct_limits, only: certainly_infeasible_m_max
-   use process_model, only: process_model_type, process_request
+   use process_model, only: lengths_of, process_model_type, process_request
    use process_positive_fit, only: fit_positive
    implicit none(type, external)
    private
@@ -119,11 +119,10 @@ contains
                     ': must be at least 1')
       else if (request%correlation == 'both' .and. &
                max(request%bound_l0, request%bound_l1) > 0.0_wp) then
-         call raise(error, exit_bad_input, name_of_bound(request)//' = '// &
-                    to_text(bound_of(request))//': must be absent with both lengths imposed')
+         call raise(error, exit_bad_input, bounds_of(request)// &
+                    ': must be absent with both lengths imposed')
       else if (request%upper_bound > 0.0_wp .and. request%upper_bound < bound_of(request)) then
-         call raise(error, exit_bad_input, name_of_bound(request)//' = '// &
-                    range_of(request)//': the lower bound must come first')
+         call raise(error, exit_bad_input, bounds_of(request)//': the lower bound must come first')
       else if (request%correlation == 'L0' .and. request%bound_l0 > 0.0_wp) then
          call raise(error, exit_bad_input, 'bound_l0 = '//to_text(request%bound_l0)// &
                     ': L0 is imposed, only L1 can be bounded')
@@ -140,10 +139,9 @@ contains
       type(process_model_type), intent(in) :: model   !! of this order, the nearest to the bound
       type(error_type), allocatable, intent(out) :: error
 
-      call raise(error, exit_no_solution, name_of_bound(request)//' = '// &
-                 range_of(request)//': no order up to '// &
-                 to_text(request%max_order)//' keeps it with '//trim(request%correlation)//' = '// &
-                 to_text(request%correlation_length)//'; the nearest bound that is kept is '// &
+      call raise(error, exit_no_solution, bounds_of(request)//': no order up to '// &
+                 to_text(request%max_order)//' keeps it with '//lengths_of(request)// &
+                 '; the nearest bound that is kept is '// &
                  to_text(other_length(request, model))//', by order '//to_text(order))
    end subroutine refuse_bound
 
@@ -212,20 +210,14 @@ contains
       bound = merge(request%bound_l1, request%bound_l0, request%correlation == 'L0')
    end function bound_of
 
-   !> The bound, or both, for messages.
-   pure function range_of(request) result(text)
+   !> 'bound_l1 = 1.0', or with both bounds of a range, for messages.
+   pure function bounds_of(request) result(text)
       type(process_request), intent(in) :: request
       character(:), allocatable :: text
 
-      text = to_text(bound_of(request))
+      text = merge('bound_l1', 'bound_l0', request%correlation == 'L0')//' = '// &
+             to_text(bound_of(request))
       if (request%upper_bound > 0.0_wp) text = text//', '//to_text(request%upper_bound)
-   end function range_of
-
-   pure function name_of_bound(request) result(name)
-      type(process_request), intent(in) :: request
-      character(8) :: name
-
-      name = merge('bound_l1', 'bound_l0', request%correlation == 'L0')
-   end function name_of_bound
+   end function bounds_of
 
 end module process_order

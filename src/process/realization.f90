@@ -150,7 +150,7 @@ contains
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
-      real(wp) :: window(window_size(model, size(values)))
+      real(wp) :: window(size(values) + 2*model%memory)
       type(way_type) :: way
 
       way = way_of_drawing(model, size(values))
@@ -178,17 +178,10 @@ contains
 
       way%n_sweeps = sweeps_to_forget((1.0_wp + sum(model%a**2))*(model%std/model%b0)**2, &
                                       model%l0, forgotten)
-      ln_windows = -log(model%lambda)*window_size(model, n_points)
+      ln_windows = -log(model%lambda)*(n_points + 2*model%memory)
       way%by_windows = ln_windows < log(way%n_sweeps/cost_of_trial)
       if (way%by_windows) way%n_windows = exp(ln_windows)
    end function way_of_drawing
-
-   pure integer function window_size(model, n_points)
-      type(process_model_type), intent(in) :: model
-      integer, intent(in) :: n_points
-
-      window_size = n_points + 2*model%memory
-   end function window_size
 
    !> Draws consecutive values of a run that starts from the stationary Gaussian law: no burn-in.
    subroutine draw_gaussian(model, stream, values)
