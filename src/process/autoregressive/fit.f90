@@ -216,7 +216,7 @@ contains
          last = share
          call match_start(target, scale, share*scale, v, v_0)
          associate (l1 => sum(sinh(v(:order - 1)))/(1.0_wp + exp(-v(0))))
-            call search%advance(share, log(max(l1, tiny(l1))/target))
+            call search%advance(share, log(max(l1, tiny(l1))) - log(target))
             if (abs(l1 - target) <= length_tolerance*target) &
                kappa = -tanh(0.5_wp*(v(:order - 1) - v(1:)))
          end associate
