@@ -340,12 +340,14 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       call require(word*plan%n_points*real(plan%n_realizations, wp), 'process%n_realizations', &
-                   plan%n_realizations, 'the realizations of a process', '', '', error)
+                   plan%n_realizations, 'the realizations of a process take ', &
+                   ' MB, which the system does not give', error)
       if (allocated(error) .or. .not. plan%has_structure) return
       call require(memory_of_matrices(plan) &
                    + memory_of_march(plan, plan%output%segment_length, 0.0_wp), &
                    'integration%n_steps', plan%integration%n_steps, &
-                   'the force and what is kept of a block', ' on each rank', ': fewer steps, '// &
+                   'the force and what is kept of a block take ', &
+                   ' MB on each rank, which the system does not give: fewer steps, '// &
                    'histories of fewer output%dofs, or more memory (ulimit -v)', error)
    end subroutine refuse_oversize
 
@@ -358,20 +360,20 @@ contains
 
       most = maxval([plan%cases%n_samples, 0])
       call require(of_sample*most*size(plan%cases), 'campaign%n_samples', most, &
-                   'the lists of samples', ' on each rank', '', error)
+                   'the lists of samples take ', &
+                   ' MB on each rank, which the system does not give', error)
    end subroutine refuse_long_lists
 
-   subroutine require(bytes, name, value, what, where, advice, error)
+   subroutine require(bytes, name, value, what, rule, error)
       real(wp), intent(in) :: bytes
       character(*), intent(in) :: name   !! of the setting that decides
       integer, intent(in) :: value
-      character(*), intent(in) :: what, where, advice
+      character(*), intent(in) :: what, rule   !! before and behind the number of MB
       type(error_type), allocatable, intent(out) :: error
 
       if (.not. gives_memory(bytes)) &
-         call raise(error, exit_bad_input, name//' = '//to_text(value)//': '//what//' take '// &
-                    to_text(nint(bytes/1.0e6_wp, long))//' MB'//where// &
-                    ', which the system does not give'//advice)
+         call raise(error, exit_bad_input, name//' = '//to_text(value)//': '//what// &
+                    to_text(nint(bytes/1.0e6_wp, long))//rule)
    end subroutine require
 
 end module campaign_size

@@ -88,7 +88,7 @@ contains
       class default
          error stop 'attribute: no kind of value that it knows'
       end select
-      call self%fail(name, 'written')
+      call self%fail(name, ': cannot be written')
    end subroutine attribute
 
    subroutine write_text(self, name, value)
@@ -128,12 +128,11 @@ contains
    end subroutine write_value
 
    !> Takes the failure of what was done with an attribute, where there was one.
-   subroutine fail(self, name, deed)
+   subroutine fail(self, name, failure)
       class(hdf5_object), intent(inout) :: self
-      character(*), intent(in) :: name, deed   !! 'written', 'read'
+      character(*), intent(in) :: name, failure
 
-      call conclude(self%file%path//': attribute '//name//' of '//self%path//': cannot be '//deed, &
-                    self%error)
+      call conclude(self%file%path//': attribute '//name//' of '//self%path//failure, self%error)
    end subroutine fail
 
    subroutine read_text(self, name, value)
@@ -164,7 +163,7 @@ contains
          call h5sclose_f(space, status)
       end if
       call h5tclose_f(kind, status)
-      call self%fail(name, 'read')
+      call self%fail(name, ': cannot be read')
    end subroutine read_text
 
    !> Bytes of a text of fixed length; 0 for one of variable length.
@@ -194,7 +193,7 @@ contains
 
       if (allocated(self%error)) return
       call self%read_value(name, H5T_NATIVE_INTEGER, c_loc(value))
-      call self%fail(name, 'read')
+      call self%fail(name, ': cannot be read')
    end subroutine read_integer
 
    subroutine read_real(self, name, value)
@@ -204,7 +203,7 @@ contains
 
       if (allocated(self%error)) return
       call self%read_value(name, H5T_NATIVE_DOUBLE, c_loc(value))
-      call self%fail(name, 'read')
+      call self%fail(name, ': cannot be read')
    end subroutine read_real
 
    !> Reads one value, and refuses what is not one: `value` has room for no more.
