@@ -14,9 +14,10 @@ module campaign_pooling
 
    integer, parameter, public :: fewest_samples = 20   !! of a case
    integer, parameter :: most_inputs = 64               !! friction values of a sample
-   integer, parameter :: most_cases = 6                 !! of a pool, each with enough samples
-   integer, parameter :: enough_samples = 100           !! with fewer, a pool has more cases
-   integer, parameter, public :: most_samples = 2400    !! of a pool, an equal part of each case
+   !> Samples of a pool of several cases: with more, what the pool cannot tell of a law is no longer
+   !> small beside the error of a case (formula (12) of docs/regression.md).
+   integer, parameter :: most_pooled = 600
+   integer, parameter, public :: most_samples = 2400    !! of a regression
 
    integer, parameter :: most_values = 2**21   !! of the draws of a law
    integer, parameter :: fewest_draws = 2**14, most_draws = 2**17
@@ -49,9 +50,7 @@ contains
       allocate (pools(n_pools))
       do p = 1, n_pools
          pools(p)%cases = members_of(p)
-         associate (cases => pools(p)%cases)
-            pools(p)%n_fitted = min(plan%cases(cases)%n_samples, most_samples/size(cases))
-         end associate
+         pools(p)%n_fitted = min(plan%cases(pools(p)%cases)%n_samples, most_samples)
       end do
 
    contains
@@ -66,8 +65,8 @@ contains
 
    end function find_pools
 
-   !> Samples of each case that a regression takes when there are many; 0: plain sampling, however
-   !> many.
+   !> Samples of each case up to which more of them are taken to help its regression; 0: plain
+   !> sampling, however many.
    pure function most_fitted(plan) result(most)
       type(plan_type), intent(in) :: plan
       integer :: most(size(plan%cases))
@@ -103,13 +102,11 @@ contains
    pure logical function takes(plan, members, number)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: members(:), number
-      integer :: i, n
+      integer :: i
 
-      n = max(plan%cases(number)%n_samples, maxval(plan%cases(members)%n_samples))
       takes = plan%estimator == 'pooled' .and. .not. plan%excitation%per_sample
       takes = takes .and. have_same_force(plan%cases(members(1)), plan%cases(number))
-      takes = takes .and. (size(members) + 1)*min(n, enough_samples) &
-              <= most_cases*enough_samples
+      takes = takes .and. sum(real(plan%cases([members, number])%n_samples, wp)) <= most_pooled
       do i = 1, size(members)
          takes = takes .and. label_of_case(plan, members(i)) /= label_of_case(plan, number)
       end do

@@ -56,8 +56,8 @@ contains
          'also one case without uncertainty per level of the force, before the others, with '// &
          'chain%friction or else process%mean', shapes_samples=.false.))
       call visitor%visit(self%estimator, about('estimator', &
-         'of statistics over samples: regression over all cases of one force (pooled), '// &
-         'over each case, or plain sampling', shapes_samples=.false., &
+         'of statistics over samples: regression over cases of one force (pooled, 600 samples '// &
+         'at most), over each case, or plain', shapes_samples=.false., &
          choices='pooled regression plain'))
       call visitor%visit(self%walltime, about('walltime', &
          'stop between samples after this time; 0: no limit', 'min', not_negative, &
