@@ -9,18 +9,19 @@ module statistics_influences
    implicit none(type, external)
    private
    public :: view_type, excess_of, find_influence, find_weights, kappa_of, scale_influences, &
-             view_law, weigh_residuals, width_of
+             thin_view, view_law, weigh_residuals, width_of
 
-   integer, parameter, public :: thinning = 4   !! of the points for a mean of exponentials
+   integer, parameter, public :: thinning = 4   !! of the points for means of exponentials
    real(wp), parameter :: widest = 3.0_wp   !! E that is allowed for
 
    !> A law as a surrogate sees it, and which of the samples were drawn from it.
    type :: view_type
       real(wp), allocatable :: rows(:, :)       !! (landmark, point) of the kernel
       real(wp), allocatable :: weight(:)        !! (point)
-      !> (feature, some point), (some point) squares of the features, and what they leave of k(x, x)
-      real(wp), allocatable :: square(:, :), rest(:)
       integer :: first = 0, last = 0            !! samples of the law
+      !> Rows of some points (thin_view), squares of their features (feature, point), and what these
+      !> leave of k(x, x) (point).
+      real(wp), allocatable :: some_rows(:, :), square(:, :), rest(:)
    end type view_type
 
 contains
@@ -34,11 +35,19 @@ contains
 
       call rows_of(surrogate, law%x, view%rows)
       view%weight = law%weight
-      call find_squares(surrogate, law%x(::thinning, :), view%rows(:, ::thinning), view%square, &
-                        view%rest)
       view%first = first
       view%last = last
    end subroutine view_law
+
+   !> Adds what means of exponentials need of some points.
+   subroutine thin_view(surrogate, law, view)
+      type(surrogate_type), intent(in) :: surrogate
+      type(law_type), intent(in) :: law
+      type(view_type), intent(inout) :: view
+
+      view%some_rows = view%rows(:, ::thinning)
+      call find_squares(surrogate, law%x(::thinning, :), view%some_rows, view%square, view%rest)
+   end subroutine thin_view
 
    !> E: variance of a function of G over the law relative to that over the samples, by predictions
    !> of both; at least 1, at most 3. A fit lacks a tail that neither the case's samples nor the

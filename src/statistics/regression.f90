@@ -230,15 +230,14 @@ contains
       real(wp), intent(in), contiguous :: grown(:, :)   !! (point, output) exp(G)
       real(wp), intent(in) :: y(:, :)         !! (own sample, output)
       type(estimates_type), intent(out) :: estimate
-      real(wp), allocatable :: some(:, :), weighted(:, :), average_row(:, :), average(:, :)
+      real(wp), allocatable :: weighted(:, :), average_row(:, :), average(:, :)
       real(wp), allocatable :: of_all(:, :), of_samples(:, :), average_of_samples(:, :)
       real(wp), allocatable :: feature(:, :), variance(:, :), weight(:, :)
       real(wp) :: each(size(grown, 1)), width(2, size(grown, 2))
       real(wp) :: mean, part, ratio
       integer :: o
 
-      some = view%rows(:, ::thinning)
-      allocate (weighted(size(some, 2), size(grown, 2)))
+      allocate (weighted(size(view%some_rows, 2), size(grown, 2)))
       allocate (variance, mold=weighted)
       allocate (average_row(size(view%rows, 1), size(grown, 2)))
       allocate (average(size(surrogate%eigenvalue), size(grown, 2)))
@@ -271,7 +270,7 @@ contains
          estimate%value(o) = estimate%value(o) + part
          if (abs(part) > abs(estimate%bias(o))) estimate%bias(o) = part
       end do
-      call multiply(some, weighted, average_row)
+      call multiply(view%some_rows, weighted, average_row)
       call average_features(surrogate, average_row, 1.0_wp, average)
       feature = surrogate%feature(view%first:view%last, :)
       call multiply(feature, of_samples, average_of_samples, transposes_a=.true.)

@@ -9,7 +9,7 @@ module statistics_spectra
    use statistics_blend, only: join, state_error
    use statistics_estimates, only: downward_error, estimates_type, inverse_density, plain_mean, &
                                    plain_percentile, two_sided, upward_error
-   use statistics_influences, only: view_law, view_type, width_of
+   use statistics_influences, only: thin_view, view_law, view_type, width_of
    use statistics_kernel_choice, only: learn_kernel
    use statistics_law, only: choose_points, error_of_points, law_type, n_points
    use statistics_pool, only: among_all, pool_type, residual_share
@@ -75,6 +75,7 @@ contains
          call choose_points(pool%draws(number), surrogate%direction, n_points, law, error)
          if (allocated(error)) return
          call view_law(surrogate, law, pool%first(number), pool%first(number + 1) - 1, view)
+         call thin_view(surrogate, law, view)
          call estimate_case(number, estimates(number))
       end do
 

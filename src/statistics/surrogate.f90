@@ -232,23 +232,22 @@ contains
       fit%left = 1.0_wp - leverage
       fit%residual = (y - fit%residual)/fit%left
       fit%predicted = outputs - fit%residual
-      call find_pairs(surrogate, leverage, fit)
+      call find_pairs(surrogate, fit)
    end subroutine fit_outputs
 
    !> Computes the changes of residuals when two samples are left out: e_i becomes
    !> (e_i + h_ij e_j/(1 - h_i))/(1 - h_ij^2/((1 - h_i)(1 - h_j))), with the leverages
    !> h_ij = 1/n + sum_k s_k V_ik V_jk.
-   subroutine find_pairs(surrogate, leverage, fit)
+   subroutine find_pairs(surrogate, fit)
       type(surrogate_type), intent(in) :: surrogate
-      real(wp), intent(in) :: leverage(:, :)   !! (sample, output) h_i
       type(fit_type), intent(inout) :: fit
       real(wp), allocatable :: pair_leverage(:, :), shrunk(:, :)
-      real(wp) :: both, left(size(leverage, 1))
+      real(wp) :: both
       integer :: i, j, k, m, n
 
-      n = size(leverage, 1)
+      n = size(fit%left, 1)
       fit%some = spread_out(n, samples_paired)
-      fit%judged = spread_out(size(leverage, 2), outputs_judged)
+      fit%judged = spread_out(size(fit%left, 2), outputs_judged)
       allocate (fit%change(n, size(fit%some), size(fit%judged)))
       allocate (fit%other_change, mold=fit%change)
       allocate (pair_leverage(n, size(fit%some)))
@@ -257,10 +256,10 @@ contains
          shrunk = transpose(surrogate%feature(fit%some, :)) &
                   *spread(fit%shrink(:, fit%judged(k)), 2, size(fit%some))
          call multiply(surrogate%feature, shrunk, pair_leverage)
-         left = 1.0_wp - leverage(:, fit%judged(k))
          do m = 1, size(fit%some)
             i = fit%some(m)
-            associate (e => fit%residual(:, fit%judged(k)), h => pair_leverage(:, m))
+            associate (e => fit%residual(:, fit%judged(k)), left => fit%left(:, fit%judged(k)), &
+                       h => pair_leverage(:, m))
                !$omp simd
                do j = 1, n
                   h(j) = h(j) + 1.0_wp/n
