@@ -3,7 +3,7 @@ module driver_judge_results
    use campaign_audit, only: add_audits
    use campaign_estimates, only: case_estimates
    use campaign_plan, only: plan_type
-   use campaign_pooling, only: fewest_samples, most_fitted
+   use campaign_pooling, only: fewest_samples, sharing_cases
    use campaign_results, only: case_statistics, of_slip
    use campaign_samples_needed, only: find_need, needs_more_samples, slip_error, slip_error_of, &
       statistical_error, with_own_records
@@ -34,7 +34,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(case_errors), allocatable :: errors(:)
       character(:), allocatable :: failures
-      integer :: i, most(size(plan%cases)), n_own
+      integer :: i, n_cases(size(plan%cases)), n_own
 
       if (.not. plan%has_structure) return
       associate (wanted => plan%accuracy)
@@ -45,12 +45,12 @@ contains
       call read_errors(path, n_own, errors, error)
       if (allocated(error)) return
       failures = ''
-      most = most_fitted(plan)
+      n_cases = sharing_cases(plan)
       do i = 1, n_own
          failures = failures//numerical_failures(plan, i, errors(i))
          if (errors(i)%statistics%n_samples > 1) failures = failures// &
             statistical_failure(plan, i, slip_error_of(errors(i)%statistics, errors(i)%ratio, &
-                                                       most(i), plan%excitation%per_sample))
+                                                       n_cases(i), plan%excitation%per_sample))
       end do
       if (failures /= '') call raise(error, exit_no_solution, path//' is written, and not as '// &
                                      'accurate as wanted'//failures)
@@ -236,17 +236,18 @@ contains
       integer, intent(inout) :: n_samples(:)             !! (case)
       type(slip_error) :: error
       integer(long) :: n, n_steps
-      integer :: i, most(size(plan%cases)), n_times
+      integer :: i, n_cases(size(plan%cases)), n_times
 
-      most = most_fitted(plan)
+      n_cases = sharing_cases(plan)
       associate (wanted => plan%accuracy%target_statistical)
          do i = 1, size(plan%cases)
             if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
-            error = slip_error_of(estimates(i)%best, ratio_of(estimates(i)), most(i), &
+            error = slip_error_of(estimates(i)%best, ratio_of(estimates(i)), n_cases(i), &
                                   plan%excitation%per_sample)
             if (.not. needs_more_samples(error, wanted)) cycle
             call find_need(error, wanted, plan%integration%n_steps, n, n_steps)
-            if (most(i) > 0 .and. n_samples(i) < fewest_samples) n = min(n, 2_long*fewest_samples)
+            if (n_cases(i) > 0 .and. n_samples(i) < fewest_samples) &
+               n = min(n, 2_long*fewest_samples)
             ! half of what seems to be needed: an error that came out too large wastes nothing
             n_times = n_samples(i)/increment
             n_times = max(n_times + 1, int(min((n/2 - 1)/increment + 1, 10_long*n_times)))

@@ -9,15 +9,15 @@ module campaign_pooling
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: case_pool, estimators_of, find_points, find_pools, most_fitted, plan_draws, &
-             reason_for_plain
+   public :: case_pool, estimators_of, find_points, find_pools, fitted_samples, plan_draws, &
+             reason_for_plain, sharing_cases
 
    integer, parameter, public :: fewest_samples = 20   !! of a case
    integer, parameter :: most_inputs = 64               !! friction values of a sample
    !> Samples of a pool of several cases: with more, what the pool cannot tell of a law is no longer
    !> small beside the error of a case (formula (12) of docs/regression.md).
    integer, parameter :: most_pooled = 600
-   integer, parameter, public :: most_samples = 2400    !! of a regression
+   integer, parameter :: most_samples = 2400   !! of a regression
 
    integer, parameter :: most_values = 2**21   !! of the draws of a law
    integer, parameter :: fewest_draws = 2**14, most_draws = 2**17
@@ -65,23 +65,31 @@ contains
 
    end function find_pools
 
-   !> Samples of each case up to which more of them are taken to help its regression; 0: plain
-   !> sampling, however many.
-   pure function most_fitted(plan) result(most)
+   !> How many cases would share their samples with each one, itself counted, as long as a pool has
+   !> room for them; 0: plain sampling, however many samples.
+   pure function sharing_cases(plan) result(n_cases)
       type(plan_type), intent(in) :: plan
-      integer :: most(size(plan%cases))
+      integer :: n_cases(size(plan%cases))
       type(plan_type) :: larger
       type(case_pool), allocatable :: pools(:)
       integer :: p
 
       larger = plan
       larger%cases%n_samples = max(fewest_samples, plan%cases%n_samples)
-      most = 0
+      n_cases = 0
       pools = find_pools(larger)
       do p = 1, size(pools)
-         most(pools(p)%cases) = most_samples/size(pools(p)%cases)
+         n_cases(pools(p)%cases) = size(pools(p)%cases)
       end do
-   end function most_fitted
+   end function sharing_cases
+
+   !> Samples in the regression of a case of n samples that may share with others.
+   elemental real(wp) function fitted_samples(n, n_cases)
+      real(wp), intent(in) :: n
+      integer, intent(in) :: n_cases   !! as in sharing_cases
+
+      fitted_samples = min(max(n, min(n_cases*n, real(most_pooled, wp))), real(most_samples, wp))
+   end function fitted_samples
 
    !> 'pooled', 'regression' or 'plain' for each case.
    pure function estimators_of(plan) result(name)

@@ -9,7 +9,7 @@
 !> is noise to it, whose error falls as 1/sqrt(n). On the paper's chain stated errors of 32 samples
 !> are 3 to 9 times those of 128 (docs/accuracy.md).
 module campaign_samples_needed
-   use campaign_pooling, only: fewest_samples
+   use campaign_pooling, only: fewest_samples, fitted_samples
    use campaign_results, only: case_statistics, of_slip
    use core_kinds, only: long, wp
    implicit none(type, external)
@@ -25,7 +25,7 @@ module campaign_samples_needed
    !> Standard errors of the mean slip fractions of a case [points], a value a joint.
    type :: slip_error
       integer :: n_samples = 0
-      integer :: most_fitted = 0             !! samples that a regression takes; 0: plain sampling
+      integer :: n_cases = 0                 !! that may share samples, as in campaign_pooling
       real(wp), allocatable :: samples(:)    !! due to the samples, their own records included
       real(wp), allocatable :: ratio(:)      !! plain sampling's over `samples`
       real(wp), allocatable :: record(:)     !! due to a record that all samples share
@@ -36,15 +36,15 @@ module campaign_samples_needed
 contains
 
    !> The errors of statistics; not allocated where the march is too short to tell them.
-   pure function slip_error_of(statistics, ratio, most_fitted, has_own_records) result(error)
+   pure function slip_error_of(statistics, ratio, n_cases, has_own_records) result(error)
       type(case_statistics), intent(in) :: statistics   !! of two samples or more
       real(wp), intent(in) :: ratio(:)                  !! (joint) as in slip_error
-      integer, intent(in) :: most_fitted
+      integer, intent(in) :: n_cases                    !! as in slip_error
       logical, intent(in) :: has_own_records
       type(slip_error) :: error
 
       error%n_samples = statistics%n_samples
-      error%most_fitted = most_fitted
+      error%n_cases = n_cases
       error%has_own_records = has_own_records
       if (.not. allocated(statistics%slip_mean_time_error)) return
       error%samples = points*statistics%numbers(of_slip)%mean_error
@@ -88,17 +88,17 @@ contains
    end function with_own_records
 
    !> Standard error with n samples instead of n_now.
-   elemental real(wp) function error_with(n, n_now, now, ratio, own, most_fitted) result(error)
+   elemental real(wp) function error_with(n, n_now, now, ratio, own, n_cases) result(error)
       real(wp), intent(in) :: n, n_now
       real(wp), intent(in) :: now     !! standard error with n_now samples
       real(wp), intent(in) :: ratio   !! plain sampling's over it
       real(wp), intent(in) :: own     !! as in slip_error; 0 where all samples share a record
-      integer, intent(in) :: most_fitted
+      integer, intent(in) :: n_cases   !! as in slip_error
       real(wp) :: of_law, of_records, shrink
 
       error = ratio*now*sqrt(n_now/n)
-      if (most_fitted == 0 .or. n < fewest_samples .or. ratio <= 1.0_wp) return
-      shrink = n_now/min(n, max(n_now, real(most_fitted, wp)))
+      if (n_cases == 0 .or. n < fewest_samples .or. ratio <= 1.0_wp) return
+      shrink = fitted_samples(n_now, n_cases)/fitted_samples(n, n_cases)
       of_records = min(own**2/n_now, now**2)
       of_law = min((law_share*ratio*now)**2*n_now, now**2 - of_records)
       error = min(error, sqrt(of_law + of_records*shrink &
@@ -145,7 +145,7 @@ contains
 
          suffices = all(error_with(real(n, wp), real(error%n_samples, wp), error%samples, &
                                    error%ratio, merge(error%own, 0.0_wp, error%has_own_records), &
-                                   error%most_fitted) <= allowed)
+                                   error%n_cases) <= allowed)
       end function suffices
 
    end subroutine find_need

@@ -212,18 +212,17 @@ contains
       call add_time_averages(tradeoff, n_steps, errors)
       error%n_samples = maxval(plan%cases%n_samples)
       error%has_own_records = plan%excitation%per_sample
-      error%most_fitted = maxval(tradeoff%most_fitted)
+      error%n_cases = maxval(tradeoff%n_cases)
       allocate (error%samples(0), error%ratio(0))
       associate (n => real(error%n_samples, wp))
          do i = 1, size(tradeoff%tasks)
             if (tradeoff%tasks(i)%kind /= of_samples) cycle
-            associate (most => tradeoff%most_fitted(tradeoff%cases(tradeoff%tasks(i)%row)))
+            associate (n_cases => tradeoff%n_cases(tradeoff%cases(tradeoff%tasks(i)%row)))
                w = tradeoff%found(i)%n_samples
                call mean_slip_errors(tradeoff%found(i), &
                                      noise_of_one(tradeoff, errors%time%slip, n_steps), now, ratio)
-               error%samples = [error%samples, error_with(n, w, now, ratio, 0.0_wp, most)]
+               error%samples = [error%samples, error_with(n, w, now, ratio, 0.0_wp, n_cases)]
                error%ratio = [error%ratio, now*ratio*sqrt(w/n)]   ! plain sampling's error
-               if (most > 0) error%most_fitted = min(error%most_fitted, most)
             end associate
          end do
          if (error%has_own_records) then   ! samples lower both

@@ -50,7 +50,7 @@ contains
          case (of_samples)
             call find_plain_errors(plan, result, found%plain_error)
             associate (case_number => tradeoff%cases(task%row), scope => tradeoff%scope)
-               if (tradeoff%most_fitted(case_number) > 0) then
+               if (tradeoff%n_cases(case_number) > 0) then
                   call find_gains(plan, scope%models(plan%cases(case_number)%process), &
                                   level%friction, result, scope%has_settings, found%gain, error)
                else

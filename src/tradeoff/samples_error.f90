@@ -70,10 +70,10 @@ contains
 
       call mean_slip_errors(found, noise, now, ratio)
       associate (n => times*tradeoff%plan%cases(case_number)%n_samples, &
-                 most => tradeoff%most_fitted(case_number), plain => found%plain_error, &
+                 n_cases => tradeoff%n_cases(case_number), plain => found%plain_error, &
                  gain => found%gain)
          error%slip = max(error%slip, maxval(error_with(n, real(found%n_samples, wp), now, ratio, &
-                                                      0.0_wp, most)))
+                                                      0.0_wp, n_cases)))
          error%slip_std = max(error%slip_std, maxval(with_gain(plain%slip_std, gain%slip_std)))
          error%band_ratio = max(error%band_ratio, &
                                 maxval(with_gain(plain%band_ratio, gain%band_ratio)))
@@ -90,7 +90,7 @@ contains
 
          with_gain = error_with(times*tradeoff%plan%cases(case_number)%n_samples, &
                                 real(found%n_samples, wp), plain/gain, gain, 0.0_wp, &
-                                tradeoff%most_fitted(case_number))
+                                tradeoff%n_cases(case_number))
       end function with_gain
 
    end subroutine add_samples

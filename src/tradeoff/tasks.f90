@@ -7,7 +7,7 @@
 !> that of a case's samples the Monte Carlo error.
 module tradeoff_tasks
    use campaign_plan, only: plan_type, strength_of
-   use campaign_pooling, only: most_fitted
+   use campaign_pooling, only: sharing_cases
    use campaign_results, only: block_result
    use campaign_runner, only: block_width, prepare_runner, runner_type
    use campaign_sample, only: stop_query
@@ -69,7 +69,7 @@ module tradeoff_tasks
       integer, allocatable :: every(:)                !! (way) every k-th step enters the spectra
       integer, allocatable :: segment_length(:)       !! (way) steps
       integer, allocatable :: cases(:)                !! whose Monte Carlo error is estimated
-      integer, allocatable :: most_fitted(:)          !! (case) as campaign_pooling has them
+      integer, allocatable :: n_cases(:)              !! (case) that may share its samples
       type(task_type), allocatable :: tasks(:)        !! the longest first
       integer :: n_segments = 0                       !! of the scene's spectra; 0: none
       integer :: n_wide = 0                           !! samples of a variant's march
@@ -225,7 +225,7 @@ contains
 
       n_levels = size(tradeoff%levels)
       allocate (tradeoff%every(0), tradeoff%segment_length(0), tradeoff%cases(0))
-      tradeoff%most_fitted = most_fitted(tradeoff%plan)
+      tradeoff%n_cases = sharing_cases(tradeoff%plan)
       tasks = [((task_type(of_variant, i, k), i=1, size(tradeoff%scope%variants)), k=1, n_levels)]
       tasks = pack(tasks, [(can_be_marched(tradeoff, tasks(i)), i=1, size(tasks))])
       tasks = [tasks, ((task_type(of_setting, i, k), k=1, n_levels), i=1, size(tradeoff%settings))]
