@@ -17,7 +17,7 @@ module campaign_pooling
    !> Samples of a pool of several cases: with more, what the pool cannot tell of a law is no longer
    !> small beside the error of a case (formula (12) of docs/regression.md).
    integer, parameter :: most_pooled = 600
-   integer, parameter :: most_samples = 2400   !! of a regression
+   integer, parameter, public :: most_samples = 2400    !! of a regression
 
    integer, parameter :: most_values = 2**21   !! of the draws of a law
    integer, parameter :: fewest_draws = 2**14, most_draws = 2**17
