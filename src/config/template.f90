@@ -33,7 +33,7 @@ contains
          do j = 1, size(lister%rows)
             associate (row => lister%rows(j))
                start = mark//repeat(' ', 3 - len(mark))
-               if (row%is_list .and. row%value == '') start = '   ! '   ! nothing to begin with
+               if (row%entry%is_list .and. row%value == '') start = '   ! '   ! none to begin with
                text = text//with_comment(start//trim(row%entry%name)//' = '//row%value, &
                                          description(row))
             end associate
@@ -129,8 +129,8 @@ contains
          if (row%value == '') default = 'none'
          if (entry%default /= '') default = trim(entry%default)
          if (entry%is_required) default = '**must be given**'
-         text = '| `'//trim(entry%name)//'` | '//trim(row%kind)// &
-                trim(merge(' list', '     ', row%is_list))//' | '//default//' | '// &
+         text = '| `'//trim(entry%name)//'` | '//trim(entry%kind)// &
+                trim(merge(' list', '     ', entry%is_list))//' | '//default//' | '// &
                 trim(entry%unit)//' | '//meaning_of(entry)//' |'
       end associate
    end function reference_row

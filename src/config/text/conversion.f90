@@ -3,78 +3,65 @@
 module config_text_conversion
    use config_text_document, only: document_type
    use config_text_tokens, only: token_word
-   use config_text_value_table, only: choice_length, entry_type
+   use config_text_value_table, only: entry_type
    use core_kinds, only: long, wp
-   use core_text, only: lowered, nearest_name, parse_integer, parse_real
+   use core_text, only: lowered, nearest_name, parse_integer, parse_real, to_text
    implicit none(type, external)
    private
-   public :: convert_choice, convert_integer, convert_real, convert_text, parse_logical, parse_text
+   public :: convert, parse_logical, parse_text
 
 contains
 
-   !> Converts a token to a whole number that its entry admits; else `rule` says why not.
-   pure subroutine convert_integer(text, entry, limit, value, rule)
-      character(*), intent(in) :: text
-      type(entry_type), intent(in) :: entry
-      integer(long), intent(in) :: limit
-      integer(long), intent(out) :: value
-      character(:), allocatable, intent(out) :: rule
-
-      call parse_integer(text, limit, value, rule)
-      if (allocated(rule)) return
-      if (.not. entry%rule%admits(real(value, wp))) rule = 'must be '//entry%rule%text()
-   end subroutine convert_integer
-
-   !> Converts a token to a number that its entry admits; else `rule` says why not.
-   pure subroutine convert_real(text, entry, value, rule)
-      character(*), intent(in) :: text
-      type(entry_type), intent(in) :: entry
-      real(wp), intent(out) :: value
-      character(:), allocatable, intent(out) :: rule
-
-      call parse_real(text, value, rule)
-      if (allocated(rule)) return
-      if (.not. entry%rule%admits(value)) rule = 'must be '//entry%rule%text()
-   end subroutine convert_real
-
-   !> Converts a token to text. Quotes are needed in a file but not on the command line, where the
-   !> shell takes them away.
-   pure subroutine convert_text(document, slot, value, rule)
-      class(document_type), intent(in) :: document
-      integer, intent(in) :: slot   !! into document%tokens
-      character(:), allocatable, intent(out) :: value, rule
-
-      associate (token => document%tokens(slot))
-         if (token%source == 2 .and. token%kind == token_word) then
-            value = document%text_of(token)
-         else
-            call parse_text(document%text_of(token), value, rule)
-         end if
-      end associate
-   end subroutine convert_text
-
-   !> Converts a token to one of the entry's choices, in any case.
-   pure subroutine convert_choice(document, slot, entry, value, rule)
+   !> Converts a token to a word that its entry admits; else `rule` says why not.
+   pure subroutine convert(document, slot, entry, word, rule)
       class(document_type), intent(in) :: document
       integer, intent(in) :: slot   !! into document%tokens
       type(entry_type), intent(in) :: entry
-      character(choice_length), intent(inout) :: value
+      character(:), allocatable, intent(out) :: word, rule
+      integer(long) :: whole
+      real(wp) :: number
+      logical :: is_true
+
+      number = 0.0_wp
+      word = document%text_of(document%tokens(slot))
+      select case (entry%kind)
+      case ('integer')
+         call parse_integer(word, entry%largest, whole, rule)
+         number = real(whole, wp)
+         word = to_text(whole)
+      case ('real')
+         call parse_real(word, number, rule)
+         word = to_text(number)
+      case ('logical')
+         call parse_logical(word, is_true, rule)
+         word = to_text(is_true)
+      case default
+         ! the shell takes the quotes of the command line away
+         if (document%tokens(slot)%source == 1 .or. document%tokens(slot)%kind /= token_word) &
+            call parse_text(document%text_of(document%tokens(slot)), word, rule)
+         if (entry%n_choices > 0 .and. .not. allocated(rule)) call choose(entry, word, rule)
+      end select
+      if (.not. (allocated(rule) .or. entry%rule%admits(number))) &
+         rule = 'must be '//entry%rule%text()
+   end subroutine convert
+
+   !> Replaces a word by the choice that it is, in any case.
+   pure subroutine choose(entry, word, rule)
+      type(entry_type), intent(in) :: entry
+      character(:), allocatable, intent(inout) :: word
       character(:), allocatable, intent(out) :: rule
-      character(:), allocatable :: text
-      character(choice_length) :: nearest
+      character(:), allocatable :: nearest
       integer :: i
 
-      call convert_text(document, slot, text, rule)
-      if (allocated(rule)) return
       do i = 1, entry%n_choices
-         if (lowered(text) /= lowered(trim(entry%choices(i)))) cycle
-         value = entry%choices(i)
+         if (lowered(word) /= lowered(trim(entry%choices(i)))) cycle
+         word = trim(entry%choices(i))
          return
       end do
       rule = 'must be '//entry%choices_text()
-      nearest = nearest_name(lowered(text), entry%choices(:entry%n_choices))
+      nearest = nearest_name(lowered(word), entry%choices(:entry%n_choices))
       if (nearest /= '') rule = rule//", did you mean '"//trim(nearest)//"'?"
-   end subroutine convert_choice
+   end subroutine choose
 
    !> Parses t, true, .t., .true. and their opposites, in any case.
    pure subroutine parse_logical(text, value, rule)

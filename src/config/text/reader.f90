@@ -1,13 +1,11 @@
 !> Fills a group from what the scene file and the --set options give, and complains of what they
 !> should not.
 module config_text_reader
-   use config_text_conversion, only: convert_choice, convert_integer, convert_real, convert_text, &
-      parse_logical
+   use config_text_conversion, only: convert
    use config_text_document, only: document_type
    use config_text_slots, only: find_slots
    use config_text_tokens, only: token_word
-   use config_text_value_table, only: choice_length, entry_type, name_length
-   use core_kinds, only: long, wp
+   use config_text_value_table, only: entry_type, name_length, word_type
    use core_phrases, only: suggestion
    use core_text, only: to_text
    implicit none(type, external)
@@ -29,12 +27,8 @@ module config_text_reader
       procedure :: was_given
       procedure :: longest_list
       procedure :: require
-      procedure :: visit_value
-      procedure :: visit_text
-      procedure :: visit_reals
-      procedure :: visit_choices
+      procedure :: visit_words
       procedure, private :: gather
-      procedure, private :: gather_one
       procedure, private :: refuse_slot
       procedure, private :: refuse_group
    end type reader_type
@@ -133,123 +127,34 @@ contains
       end if
    end subroutine require
 
-   !> Reads a single value. A refused whole number becomes 0 and a refused choice empty, so that no
-   !> other value is judged by it.
-   subroutine visit_value(self, value, entry)
+   !> Reads the values of an entry. A refused one of a list keeps its default; a refused single
+   !> value becomes zero or empty, so that no other is judged by it.
+   subroutine visit_words(self, words, entry)
       class(reader_type), intent(inout) :: self
-      class(*), intent(inout) :: value
+      type(word_type), allocatable, intent(inout) :: words(:)
       type(entry_type), intent(in) :: entry
       character(:), allocatable :: rule, word
-      character(choice_length) :: choice
-      integer(long) :: whole
-      integer :: slot
-
-      call self%gather_one(entry, slot)
-      if (slot > 0) then
-         word = self%text_of(self%tokens(slot))
-         select type (value)
-         type is (integer)
-            call convert_integer(word, entry, int(huge(1), long), whole, rule)
-            value = int(whole)
-         type is (integer(long))
-            call convert_integer(word, entry, huge(1_long), value, rule)
-         type is (real(wp))
-            call convert_real(word, entry, value, rule)
-         type is (logical)
-            call parse_logical(word, value, rule)
-         type is (character(*))
-            choice = value
-            call convert_choice(self, slot, entry, choice, rule)
-            value = choice
-            if (allocated(rule)) value = ''
-         end select
-         call self%refuse_slot(slot, trim(entry%name), rule)
-      end if
-      if (self%current == 0) return
-      if (.not. self%assignments(self%current)%is_refused) return
-      select type (value)
-      type is (integer)
-         value = 0
-      type is (integer(long))
-         value = 0
-      end select
-   end subroutine visit_value
-
-   subroutine visit_text(self, value, entry)
-      class(reader_type), intent(inout) :: self
-      character(:), allocatable, intent(inout) :: value
-      type(entry_type), intent(in) :: entry
-      character(:), allocatable :: rule
-      integer :: slot
-
-      if (.not. allocated(value)) value = ''
-      call self%gather_one(entry, slot)
-      if (slot == 0) return
-      call convert_text(self, slot, value, rule)
-      call self%refuse_slot(slot, trim(entry%name), rule)
-   end subroutine visit_text
-
-   subroutine visit_reals(self, values, entry, default)
-      class(reader_type), intent(inout) :: self
-      real(wp), allocatable, intent(inout) :: values(:)
-      type(entry_type), intent(in) :: entry
-      real(wp), intent(in), optional :: default(:)
-      character(:), allocatable :: rule, word
+      type(word_type) :: none
+      type(word_type), allocatable :: found(:)
       integer, allocatable :: slots(:)
-      integer(long) :: whole
-      integer :: i, n_default
+      integer :: i, j
 
-      n_default = 0
-      if (present(default)) n_default = size(default)
-      call self%gather(entry, n_default, slots)
-      values = spread(0.0_wp, 1, size(slots))
-      if (n_default > 0) values = default(min([(i, i=1, size(slots))], n_default))
+      none%text = trim(merge(' ', '0', any(entry%kind == [character(7) :: 'logical', 'text'])))
+      call self%gather(entry, size(words), slots)
+      allocate (found(size(slots)), source=none)
       do i = 1, size(slots)
+         if (size(words) > 0) found(i) = words(min(i, size(words)))
          if (slots(i) == 0) cycle
-         word = self%text_of(self%tokens(slots(i)))
-         if (entry%is_whole) then
-            call convert_integer(word, entry, int(huge(1), long), whole, rule)
-            values(i) = whole
-         else
-            call convert_real(word, entry, values(i), rule)
-         end if
+         call convert(self, slots(i), entry, word, rule)
+         if (entry%n_choices > 0 .and. any([(found(j)%text == word, j=1, i - 1)])) &
+            rule = 'is named twice'
          call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
+         if (.not. allocated(rule)) found(i)%text = word
       end do
-   end subroutine visit_reals
-
-   subroutine visit_choices(self, values, entry, default)
-      class(reader_type), intent(inout) :: self
-      character(choice_length), allocatable, intent(inout) :: values(:)
-      type(entry_type), intent(in) :: entry
-      character(*), intent(in) :: default(:)
-      character(:), allocatable :: rule
-      integer, allocatable :: slots(:)
-      integer :: i
-
-      call self%gather(entry, size(default), slots)
-      values = default(min([(i, i=1, size(slots))], size(default)))
-      do i = 1, size(slots)
-         if (slots(i) == 0) cycle
-         call convert_choice(self, slots(i), entry, values(i), rule)
-         if (.not. allocated(rule) .and. any(values(:i - 1) == values(i))) rule = 'is named twice'
-         call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
-      end do
-   end subroutine visit_choices
-
-   !> Finds the token of a single value; 0: its default.
-   subroutine gather_one(self, entry, slot)
-      class(reader_type), intent(inout) :: self
-      type(entry_type), intent(in) :: entry
-      integer, intent(out) :: slot
-      type(entry_type) :: single
-      integer, allocatable :: slots(:)
-
-      single = entry
-      single%length = 1
-      call self%gather(single, 1, slots)
-      slot = 0
-      if (size(slots) == 1) slot = slots(1)
-   end subroutine gather_one
+      call move_alloc(found, words)
+      if (entry%is_list .or. self%current == 0) return
+      if (self%assignments(self%current)%is_refused) words = [none]
+   end subroutine visit_words
 
    !> Finds the token of each value of a list; 0: its default. Empty where the list is refused,
    !> missing, or empty by default.

@@ -7,7 +7,7 @@ module config_text_value_table
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: entry_type, rule_type, visitor_type
+   public :: entry_type, rule_type, visitor_type, word_type
    public :: about, at_least, between, inside, not_negative, positive
    public :: choice_length, name_length
 
@@ -35,7 +35,9 @@ module config_text_value_table
       integer :: n_choices = 0                      !! 0: any text
       integer :: length = 0                         !! lists: the number of values; 0: any
       integer :: per_dof = -1                       !! lists: dofs; one value stands for all
-      logical :: is_whole = .false.                 !! lists: of whole numbers
+      logical :: is_list = .false.
+      character(7) :: kind = 'real'                 !! or integer, logical, text
+      integer(long) :: largest = huge(1)            !! whole number
       character(doc_length) :: default = ''         !! in words, where no value says it
       logical :: is_required = .false.
       logical :: shapes_samples = .true.            !! no: left out of the fingerprint
@@ -44,53 +46,92 @@ module config_text_value_table
       procedure :: choices_text
    end type entry_type
 
-   !> Walks the table of a group. A list without default is empty.
+   !> A value as a scene gives it, text without its quotes.
+   type :: word_type
+      character(:), allocatable :: text
+   end type word_type
+
+   !> Walks the table of a group, whose values it sees as words. A list without default is empty.
    type, abstract :: visitor_type
    contains
       generic :: visit => visit_value, visit_integers, visit_reals
-      procedure(visit_value), deferred :: visit_value
-      procedure(visit_text), deferred :: visit_text
+      procedure :: visit_value
+      procedure :: visit_text
       procedure :: visit_integers
-      procedure(visit_reals), deferred :: visit_reals
-      procedure(visit_choices), deferred :: visit_choices
+      procedure :: visit_reals
+      procedure :: visit_choices
+      procedure(visit_words), deferred :: visit_words
    end type visitor_type
 
    abstract interface
-      !> Visits a number, a logical, or a text that is one of the entry's choices.
-      subroutine visit_value(self, value, entry)
-         import :: entry_type, visitor_type
+      !> Visits the values of an entry, or their defaults, which it may replace.
+      subroutine visit_words(self, words, entry)
+         import :: entry_type, visitor_type, word_type
          class(visitor_type), intent(inout) :: self
-         class(*), intent(inout) :: value
+         type(word_type), allocatable, intent(inout) :: words(:)
          type(entry_type), intent(in) :: entry
-      end subroutine visit_value
-
-      !> Visits any text; its default is the empty one.
-      subroutine visit_text(self, value, entry)
-         import :: entry_type, visitor_type
-         class(visitor_type), intent(inout) :: self
-         character(:), allocatable, intent(inout) :: value
-         type(entry_type), intent(in) :: entry
-      end subroutine visit_text
-
-      subroutine visit_reals(self, values, entry, default)
-         import :: entry_type, visitor_type, wp
-         class(visitor_type), intent(inout) :: self
-         real(wp), allocatable, intent(inout) :: values(:)
-         type(entry_type), intent(in) :: entry
-         real(wp), intent(in), optional :: default(:)
-      end subroutine visit_reals
-
-      !> Visits a list of some of the entry's choices, each at most once.
-      subroutine visit_choices(self, values, entry, default)
-         import :: choice_length, entry_type, visitor_type
-         class(visitor_type), intent(inout) :: self
-         character(choice_length), allocatable, intent(inout) :: values(:)
-         type(entry_type), intent(in) :: entry
-         character(*), intent(in) :: default(:)
-      end subroutine visit_choices
+      end subroutine visit_words
    end interface
 
 contains
+
+   !> Visits a number, a logical, or a text that is one of the entry's choices.
+   subroutine visit_value(self, value, entry)
+      class(visitor_type), intent(inout) :: self
+      class(*), intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+      type(entry_type) :: single
+      type(word_type), allocatable :: words(:)
+
+      single = entry
+      single%length = 1
+      allocate (words(1))
+      select type (value)
+      type is (integer)
+         single%kind = 'integer'
+         words(1)%text = to_text(value)
+         call self%visit_words(words, single)
+         value = nint(number_in(words(1)))
+      type is (integer(long))
+         single%kind = 'integer'
+         single%largest = huge(value)
+         words(1)%text = to_text(value)
+         call self%visit_words(words, single)
+         read (words(1)%text, *) value
+      type is (real(wp))
+         words(1)%text = to_text(value)
+         call self%visit_words(words, single)
+         value = number_in(words(1))
+      type is (logical)
+         single%kind = 'logical'
+         words(1)%text = to_text(value)
+         call self%visit_words(words, single)
+         value = words(1)%text == to_text(.true.)
+      type is (character(*))
+         single%kind = 'text'
+         words(1)%text = trim(value)
+         call self%visit_words(words, single)
+         value = words(1)%text
+      end select
+   end subroutine visit_value
+
+   !> Visits any text; its default is the empty one.
+   subroutine visit_text(self, value, entry)
+      class(visitor_type), intent(inout) :: self
+      character(:), allocatable, intent(inout) :: value
+      type(entry_type), intent(in) :: entry
+      type(entry_type) :: single
+      type(word_type), allocatable :: words(:)
+
+      single = entry
+      single%kind = 'text'
+      single%length = 1
+      allocate (words(1))
+      words(1)%text = ''
+      if (allocated(value)) words(1)%text = value
+      call self%visit_words(words, single)
+      value = words(1)%text
+   end subroutine visit_text
 
    !> Visits a list of whole numbers as one of reals, which hold them exactly.
    subroutine visit_integers(self, values, entry, default)
@@ -102,11 +143,68 @@ contains
       real(wp), allocatable :: numbers(:)
 
       whole = entry
-      whole%is_whole = .true.
+      whole%kind = 'integer'
       if (allocated(values)) numbers = real(values, wp)
       call self%visit_reals(numbers, whole, real(default, wp))
       values = nint(numbers)
    end subroutine visit_integers
+
+   subroutine visit_reals(self, values, entry, default)
+      class(visitor_type), intent(inout) :: self
+      real(wp), allocatable, intent(inout) :: values(:)
+      type(entry_type), intent(in) :: entry
+      real(wp), intent(in), optional :: default(:)
+      type(entry_type) :: list
+      type(word_type), allocatable :: words(:)
+      integer :: i
+
+      list = entry
+      list%is_list = .true.
+      if (.not. allocated(values)) then
+         allocate (values(0))
+         if (present(default)) values = default
+      end if
+      allocate (words(size(values)))
+      do i = 1, size(words)
+         words(i)%text = to_text(values(i))
+         if (list%kind == 'integer') words(i)%text = to_text(nint(values(i)))
+      end do
+      call self%visit_words(words, list)
+      values = [(number_in(words(i)), i=1, size(words))]
+   end subroutine visit_reals
+
+   !> Visits a list of some of the entry's choices, each at most once.
+   subroutine visit_choices(self, values, entry, default)
+      class(visitor_type), intent(inout) :: self
+      character(choice_length), allocatable, intent(inout) :: values(:)
+      type(entry_type), intent(in) :: entry
+      character(*), intent(in) :: default(:)
+      type(entry_type) :: list
+      type(word_type), allocatable :: words(:)
+      integer :: i
+
+      list = entry
+      list%kind = 'text'
+      list%is_list = .true.
+      if (.not. allocated(values)) values = default
+      allocate (words(size(values)))
+      do i = 1, size(words)
+         words(i)%text = trim(values(i))
+      end do
+      call self%visit_words(words, list)
+      deallocate (values)
+      allocate (values(size(words)))
+      do i = 1, size(words)
+         values(i) = words(i)%text
+      end do
+   end subroutine visit_choices
+
+   !> The number that a word is.
+   pure real(wp) function number_in(word) result(number)
+      type(word_type), intent(in) :: word
+
+      read (word%text, *) number
+   end function number_in
 
    !> An entry of a table.
    pure function about(name, doc, unit, rule, choices, length, required, shapes_samples, used) &
