@@ -208,16 +208,19 @@ contains
       type(world_type), intent(in) :: world
       type(selection_type), intent(inout) :: selection
       logical, intent(out) :: is_done
-      real(wp), allocatable :: counts(:, :, :)
+      real(wp), allocatable :: counts(:, :, :), values(:)
+      integer :: c, p
 
       counts = selection%counts
       call world%add_up(size(counts), counts)
       call selection%check(counts, is_done)
       if (.not. is_done) return
-      do while (.not. selection%is_done())
-         counts = selection%count_to_middle()
-         call world%add_up(size(counts), counts)
-         call selection%halve(counts)
+      do c = 1, size(selection%kept, 2)
+         do p = 1, size(selection%kept, 1)
+            values = selection%kept(p, c)%value
+            call world%join(values)
+            call selection%settle(p, c, values)
+         end do
       end do
    end subroutine select_together
 

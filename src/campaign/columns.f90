@@ -164,17 +164,14 @@ contains
       class(column_collector), intent(inout) :: self
       integer, intent(in) :: first, last
       type(selection_type), intent(in) :: selection
-      real(wp) :: above, below
       integer :: c, p
 
       do c = 1, last - first + 1
          do p = 1, self%n_percentiles
-            below = selection%value(1, p, c)
-            above = selection%value(2, p, c)
-            self%at(first + c - 1, p, middle) = &
-               below + (self%rank(p, middle) - self%below(p))*(above - below)
-            self%at(first + c - 1, p, low) = selection%value(3, p, c)
-            self%at(first + c - 1, p, high) = selection%value(4, p, c)
+            associate (found => selection%found(:, p, c))
+               self%at(first + c - 1, p, :) = [found(1) + (self%rank(p, middle) - self%below(p)) &
+                                               *(found(2) - found(1)), found(3), found(4)]
+            end associate
          end do
       end do
    end subroutine take_selection

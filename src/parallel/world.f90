@@ -8,11 +8,11 @@ module parallel_world
    use core_kinds, only: wp
    use core_system, only: c_setenv
    use core_terminal, only: end_program, output_is_lost, write_error
-   use mpi_f08, only: MPI_Allreduce, MPI_ANY_SOURCE, MPI_ANY_TAG, MPI_Barrier, MPI_Bcast, &
-                      MPI_CHARACTER, MPI_Comm, MPI_Comm_rank, MPI_Comm_size, MPI_COMM_WORLD, &
-                      MPI_DOUBLE_PRECISION, MPI_Finalize, MPI_Get_library_version, MPI_IN_PLACE, &
-                      MPI_Init, MPI_INTEGER, MPI_Iprobe, MPI_MAX, &
-                      MPI_MAX_LIBRARY_VERSION_STRING, MPI_MIN, MPI_STATUS_IGNORE, MPI_SUM
+   use mpi_f08, only: MPI_Allgatherv, MPI_Allreduce, MPI_ANY_SOURCE, MPI_ANY_TAG, MPI_Barrier, &
+                      MPI_Bcast, MPI_CHARACTER, MPI_Comm, MPI_Comm_rank, MPI_Comm_size, &
+                      MPI_COMM_WORLD, MPI_DOUBLE_PRECISION, MPI_Finalize, &
+                      MPI_Get_library_version, MPI_IN_PLACE, MPI_Init, MPI_INTEGER, MPI_Iprobe, &
+                      MPI_MAX, MPI_MAX_LIBRARY_VERSION_STRING, MPI_MIN, MPI_STATUS_IGNORE, MPI_SUM
    implicit none(type, external)
    private
    public :: world_type, new_world, attend_to_others, mpi_library, start_world, stop_world, &
@@ -32,6 +32,7 @@ module parallel_world
       procedure :: any_true
       procedure :: maximum
       procedure :: add_up
+      procedure :: join
       procedure, private :: broadcast_integer, broadcast_integers, broadcast_real, &
          broadcast_reals, broadcast_matrix, broadcast_text
    end type world_type
@@ -190,6 +191,24 @@ contains
          call MPI_Allreduce(MPI_IN_PLACE, values, n, MPI_DOUBLE_PRECISION, MPI_SUM, self%comm)
       end if
    end subroutine add_up
+
+   !> Joins the values of all ranks in their order, for each of them; collective.
+   subroutine join(self, values)
+      class(world_type), intent(in) :: self
+      real(wp), allocatable, intent(inout) :: values(:)
+      real(wp), allocatable :: joined(:)
+      integer :: n(0:self%n_ranks - 1), rank
+
+      if (self%n_ranks == 1) return
+      n = 0
+      n(self%rank) = size(values)
+      call MPI_Allreduce(MPI_IN_PLACE, n, self%n_ranks, MPI_INTEGER, MPI_SUM, self%comm)
+      allocate (joined(sum(n)))
+      call MPI_Allgatherv(values(:), size(values), MPI_DOUBLE_PRECISION, joined(:), n, &
+                          [(sum(n(:rank - 1)), rank=0, self%n_ranks - 1)], MPI_DOUBLE_PRECISION, &
+                          self%comm)
+      call move_alloc(joined, values)
+   end subroutine join
 
    !> Largest value over the ranks, returned to all; collective.
    function maximum(self, value) result(largest)
