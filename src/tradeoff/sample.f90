@@ -17,7 +17,7 @@ module tradeoff_sample
    use tradeoff_settings, only: setting_type, with_setting
    implicit none(type, external)
    private
-   public :: level_type, choose_levels, draw_level, march_level
+   public :: level_type, choose_levels, draw_level, march_level, prepare_level
    public :: fit_segments, shortened, stretch
 
    integer, parameter :: most_levels = 4
@@ -130,7 +130,8 @@ contains
       end associate
    end function stand_in
 
-   !> A plan of about n_steps, a multiple of `unit` unless the scene has fewer, nothing discarded.
+   !> A plan of about n_steps, a multiple of `unit` unless the scene has fewer, nothing discarded,
+   !> and nothing kept but slip and spectra.
    pure function shortened(plan, every, unit, n_steps) result(short)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every, unit, n_steps
@@ -143,6 +144,11 @@ contains
          short%integration%n_steps = unit*(short%integration%n_steps/unit)
       short%integration%n_discard = 0
       short%output%spectrum_every = every
+      short%output%energy = .false.
+      short%output%history = .false.
+      short%output%harmonic = .false.
+      short%output%transitions = .false.
+      short%output%dofs = [integer ::]
       call fit_segments(short%integration%n_steps, short)
    end function shortened
 
@@ -171,23 +177,12 @@ contains
       real(wp), intent(out) :: nanoseconds   !! of a processor, per sample and step of the scene
       logical, intent(out) :: is_abandoned
       type(error_type), allocatable, intent(out) :: error
-      type(plan_type) :: short
       type(runner_type) :: runner
       real(wp) :: before, after
 
       nanoseconds = 0.0_wp
       is_abandoned = .false.
-      short = with_setting(plan, setting)
-      short%excitation%kind = 'file'
-      short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
-      short%output%energy = .false.
-      short%output%history = .false.
-      short%output%harmonic = .false.
-      short%output%transitions = .false.
-      short%output%dofs = [integer ::]
-      short%cases = [case_type(0, 0.0_wp, size(level%sample))]
-      call prepare_runner(short, stretch(level%force(:plan%integration%n_steps, :), setting), &
-                          runner, error)
+      call prepare_level(plan, level, setting, runner, error)
       if (allocated(error)) return
       call cpu_time(before)
       call run_block(runner, 1, level%friction, 1, should_stop, result, is_abandoned, error)
@@ -195,6 +190,23 @@ contains
       nanoseconds = 1.0e9_wp*(after - before)/(real(plan%integration%n_steps, wp) &
                                                *size(level%sample))
    end subroutine march_level
+
+   !> Prepares the march of a level with one setting, as the one case of a plan.
+   subroutine prepare_level(plan, level, setting, runner, error)
+      type(plan_type), intent(in) :: plan
+      type(level_type), intent(in) :: level
+      type(setting_type), intent(in) :: setting
+      type(runner_type), intent(out) :: runner
+      type(error_type), allocatable, intent(out) :: error
+      type(plan_type) :: short
+
+      short = with_setting(plan, setting)
+      short%excitation%kind = 'file'
+      short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
+      short%cases = [case_type(0, 0.0_wp, size(level%sample))]
+      call prepare_runner(short, stretch(level%force(:plan%integration%n_steps, :), setting), &
+                          runner, error)
+   end subroutine prepare_level
 
    !> The force at the steps of a setting: on the chords between its values, or every so many.
    pure function stretch(force, setting) result(stretched)
