@@ -3,10 +3,10 @@
 module io_gathering
    use campaign_results, only: block_result
    use core_error, only: error_type, exit_file, raise
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use core_text, only: to_text
    use io_blocks, only: read_block
-   use io_hdf5, only: hdf5_file, move_part, open_hdf5, read_dataset, read_extent
+   use io_hdf5, only: hdf5_file, move_part, open_hdf5
    use io_shards, only: shard_type
    use io_store, only: shard_store
    use numerics_sorting, only: sort_order
@@ -20,7 +20,6 @@ module io_gathering
       type(shard_type), allocatable :: shards(:)   !! by their cases, then by their samples
    contains
       procedure :: places
-      procedure :: count_transitions
       procedure :: read => read_samples
       procedure :: read_part
       procedure, private :: require_all
@@ -68,40 +67,6 @@ contains
                        shards%first_sample + shards%n_samples > first)
       end associate
    end function places
-
-   !> Counts the transitions of samples 1..n_samples of a case.
-   subroutine count_transitions(self, case_number, n_samples, n_transitions, error)
-      class(stored_samples), intent(in) :: self
-      integer, intent(in) :: case_number, n_samples
-      integer, intent(out) :: n_transitions
-      type(error_type), allocatable, intent(out) :: error
-      character(*), parameter :: path = '/transition_sample'
-      type(hdf5_file) :: file
-      integer(long), allocatable :: n_rows(:)
-      real(wp), allocatable :: sample(:)
-      integer, allocatable :: chosen(:)
-      integer :: i
-
-      n_transitions = 0
-      chosen = self%places(case_number, 1, n_samples)
-      do i = 1, size(chosen)
-         associate (shard => self%shards(chosen(i)))
-            call open_hdf5(shard%path, file, error)
-            if (allocated(error)) return
-            call read_extent(file, path, 1, n_rows, error)
-            if (.not. allocated(error) .and. &
-                shard%first_sample + shard%n_samples - 1 > n_samples) then   ! it is cut
-               allocate (sample(n_rows(1)))
-               call read_dataset(file, path, sample, error)
-               n_rows = count(nint(sample) <= n_samples)
-               deallocate (sample)
-            end if
-         end associate
-         call file%abandon()
-         if (allocated(error)) return
-         n_transitions = n_transitions + int(n_rows(1))
-      end do
-   end subroutine count_transitions
 
    !> Reads samples first..last of a case without slip series, spectra, histories and transitions.
    subroutine read_samples(self, case_number, first, last, block, error)

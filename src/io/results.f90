@@ -159,10 +159,16 @@ contains
       places = stored%places(number, 1, plan%cases(number)%n_samples)
       n_rows = 0
       rows = 0
-      if (kept%transitions .and. .not. allocated(group%error)) then
-         call stored%count_transitions(number, plan%cases(number)%n_samples, n_rows, group%error)
-         call group%put_axis('transition', n_rows, 'transition')
-      end if
+      do i = 1, size(places)
+         if (.not. kept%transitions .or. allocated(group%error)) exit
+         call read_shard(stored%store, stored%shards(places(i)), block, group%error)
+         if (allocated(group%error)) exit
+         associate (last => min(block%n_samples, &
+                                plan%cases(number)%n_samples - block%first_sample + 1))
+            n_rows = n_rows + sum(block%transitions(:last)%n)
+         end associate
+      end do
+      if (kept%transitions) call group%put_axis('transition', n_rows, 'transition')
       do i = 1, size(places)
          if (is_lean .and. .not. (kept%transitions .or. kept%history)) exit
          if (allocated(group%error)) exit
