@@ -120,7 +120,7 @@ contains
       logical :: is_abandoned
 
       call draw_friction(runner%plan, models, &
-                         block_range(line%case_number, line%sample, line%sample), friction)
+                         [block_range(line%case_number, line%sample, line%sample)], friction)
       call run_block(runner, line%case_number, friction, line%sample, time_to_stop, result(1), &
                      is_abandoned, error)
       if (allocated(error) .or. is_abandoned) return

@@ -6,7 +6,7 @@ module driver_run
    use campaign_runner, only: block_width, prepare_runner, runner_type
    use campaign_sample, only: run_block
    use campaign_size, only: refuse_oversize
-   use campaign_study, only: block_range, draw_friction, open_claims
+   use campaign_study, only: block_range, claim_type, draw_friction, open_claims
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
    use core_kinds, only: long, wp
@@ -198,13 +198,11 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(work_counter) :: counter
       type(progress_type) :: progress
-      type(block_range), allocatable :: claims(:)
+      type(claim_type), allocatable :: claims(:)
       logical :: is_abandoned
       integer :: item
 
-      ! runs that share an output tell each other's blocks by the names of their shards
-      claims = open_claims(runner%plan, output%is_finished, &
-                           merge(1, output%world%n_ranks, output%is_shared))
+      claims = open_claims(runner%plan, output%is_finished, output%world%n_ranks, output%is_shared)
       call new_counter(output%world, size(claims), counter)
       if (.not. output%is_quiet) call progress%start(sum(runner%plan%cases%n_samples), &
                                                      count(output%is_finished))
@@ -214,20 +212,53 @@ contains
          if (item == 0) exit
          call progress%show(samples_before(claims, item, output%world%n_ranks) &
                             + count(output%is_finished))
-         if (.not. output%take(claims(item))) cycle
-         call march_claim(models, claims(item), runner, output%store, is_abandoned, error)
-         if (.not. allocated(error)) call output%lock%keep(error)
-         call output%give_back(claims(item))
+         associate (ranges => claims(item)%ranges)
+            if (.not. output%take(ranges(1))) cycle
+            if (size(ranges) > 1) then
+               call march_together(models, ranges, runner, output%store, is_abandoned, error)
+            else
+               call march_range(models, ranges(1), runner, output%store, is_abandoned, error)
+            end if
+            if (.not. allocated(error)) call output%lock%keep(error)
+            call output%give_back(ranges(1))
+         end associate
       end do
       call counter%close()
       call progress%finish()
    end subroutine march_campaign
 
-   !> Marches the blocks of a claim one after the other. They become a shard when the last one is
-   !> finished, a minute has passed, or too much is held.
-   subroutine march_claim(models, claim, runner, store, is_abandoned, error)
+   !> Marches samples of several cases as one block. Those of each case become a shard.
+   subroutine march_together(models, ranges, runner, store, is_abandoned, error)
       type(process_model_type), intent(in) :: models(:)
-      type(block_range), intent(in) :: claim
+      type(block_range), intent(in) :: ranges(:)
+      type(runner_type), intent(inout) :: runner
+      type(shard_store), intent(in) :: store
+      logical, intent(out) :: is_abandoned
+      type(error_type), allocatable, intent(out) :: error
+      type(block_result) :: finished(1)
+      real(wp), allocatable :: friction(:, :)
+      integer :: i
+
+      call draw_friction(runner%plan, models, ranges, friction)
+      call run_block(runner, ranges(1)%case_number, friction, ranges(1)%first, time_to_stop, &
+                     finished(1), is_abandoned, error)
+      if (allocated(error) .or. is_abandoned) return
+      finished%n_samples = 0
+      do i = 1, size(ranges)
+         finished%before = finished%before + finished%n_samples
+         finished%case_number = ranges(i)%case_number
+         finished%first_sample = ranges(i)%first
+         finished%n_samples = ranges(i)%last - ranges(i)%first + 1
+         call write_shard(store, finished, error)
+         if (allocated(error)) return
+      end do
+   end subroutine march_together
+
+   !> Marches the blocks of a range one after the other. They become a shard when the last one is
+   !> finished, a minute has passed, or too much is held.
+   subroutine march_range(models, range, runner, store, is_abandoned, error)
+      type(process_model_type), intent(in) :: models(:)
+      type(block_range), intent(in) :: range
       type(runner_type), intent(inout) :: runner
       type(shard_store), intent(in) :: store
       logical, intent(out) :: is_abandoned
@@ -242,14 +273,14 @@ contains
       integer :: n, width
 
       width = block_width(runner%plan)
-      allocate (finished((claim%last - claim%first)/width + 1))
+      allocate (finished((range%last - range%first)/width + 1))
       is_abandoned = .false.
       began = seconds_so_far()
       n = 0
-      block = claim
-      do while (block%first <= claim%last)
-         block%last = min(block%first + width - 1, claim%last)
-         call draw_friction(runner%plan, models, block, friction)
+      block = range
+      do while (block%first <= range%last)
+         block%last = min(block%first + width - 1, range%last)
+         call draw_friction(runner%plan, models, [block], friction)
          call run_block(runner, block%case_number, friction, block%first, time_to_stop, &
                         finished(n + 1), is_abandoned, error)
          if (allocated(error) .or. is_abandoned) exit
@@ -265,16 +296,15 @@ contains
       end do
       if (n > 0) call write_shard(store, finished(:n), own_error)
       if (.not. allocated(error)) call move_alloc(own_error, error)
-   end subroutine march_claim
+   end subroutine march_range
 
    !> Samples done at a claim: those of the claims before, without what other ranks still march.
    pure function samples_before(claims, item, n_ranks) result(n)
-      type(block_range), intent(in) :: claims(:)
+      type(claim_type), intent(in) :: claims(:)
       integer, intent(in) :: item, n_ranks
-      integer :: n, last
+      integer :: n
 
-      last = max(item - n_ranks, 0)
-      n = sum(claims(:last)%last - claims(:last)%first + 1)
+      n = sum(claims(:max(item - n_ranks, 0))%n_samples())
    end function samples_before
 
    !> Ends the run, what is finished kept, when any rank has been asked to stop; collective.

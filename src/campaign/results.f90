@@ -28,6 +28,7 @@ module campaign_results
       integer :: case_number = 0
       integer :: first_sample = 0
       integer :: n_samples = 0
+      integer :: before = 0   !! samples of other cases in the arrays, marched with these
       real(wp), allocatable :: friction(:, :)            !! (joint, sample) mu
       real(wp), allocatable :: slip_fraction(:, :)       !! (joint, sample) of the time
       real(wp), allocatable :: slip_fraction_error(:, :)   !! (joint, sample) of a finite march

@@ -1,6 +1,6 @@
 !> A campaign as blocks of samples, which ranks claim, and the friction of a block.
 module campaign_study
-   use campaign_plan, only: plan_type
+   use campaign_plan, only: have_same_force, plan_type
    use campaign_runner, only: block_width
    use core_kinds, only: wp
    use core_random, only: new_stream, stream_type
@@ -9,7 +9,7 @@ module campaign_study
    use process_realization, only: draw_points
    implicit none(type, external)
    private
-   public :: block_range, draw_friction, open_claims
+   public :: block_range, claim_type, draw_friction, open_claims
 
    integer, parameter :: most_block_claimers = 64   !! ranks that claim a block at a time
 
@@ -19,24 +19,35 @@ module campaign_study
       integer :: first = 0, last = 0   !! sample numbers, from 1
    end type block_range
 
+   !> Samples that a rank takes at a time: of one case, a block or more, or of several cases that
+   !> march as one block.
+   type :: claim_type
+      type(block_range), allocatable :: ranges(:)
+   contains
+      procedure :: n_samples
+   end type claim_type
+
 contains
 
    !> Samples that are still to be run, as ranks claim them, most first so that ranks end together.
    !> A claim is one block. For more than most_block_claimers ranks, whose shards would be too many,
    !> it is up to 1/(3 n_ranks) of the blocks that are left (guided self-scheduling): a rank with a
    !> third of the others' speed does not end after them.
-   pure function open_claims(plan, is_finished, n_ranks) result(claims)
+   pure function open_claims(plan, is_finished, n_ranks, is_shared) result(claims)
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: is_finished(:, :)   !! (sample, case)
       integer, intent(in) :: n_ranks             !! that share them
-      type(block_range), allocatable :: claims(:)
+      !> Other runs take some, by the names of their shards: each claim is a block of one case
+      logical, intent(in) :: is_shared
+      type(claim_type), allocatable :: claims(:)
+      type(block_range), allocatable :: ranges(:)
       integer :: c, first, last, most, n, n_open, width
 
       width = block_width(plan)
       n_open = sum([(count(.not. is_finished(:plan%cases(c)%n_samples, c)), &
                      c=1, size(plan%cases))])
       n = 0
-      allocate (claims(64))
+      allocate (ranges(64))
       do c = 1, size(plan%cases)
          first = 1
          do while (first <= plan%cases(c)%n_samples)
@@ -45,7 +56,8 @@ contains
                cycle
             end if
             most = width
-            if (n_ranks > most_block_claimers) most = width*max(1, n_open/width/(3*n_ranks))
+            if (n_ranks > most_block_claimers .and. .not. is_shared) &
+               most = width*max(1, n_open/width/(3*n_ranks))
             last = first
             do while (last < min(plan%cases(c)%n_samples, first + most - 1))
                if (is_finished(last + 1, c)) exit
@@ -53,43 +65,99 @@ contains
             end do
             n_open = n_open - (last - first + 1)
             n = n + 1
-            if (n > size(claims)) claims = [claims, claims]
-            claims(n) = block_range(c, first, last)
+            if (n > size(ranges)) ranges = [ranges, ranges]
+            ranges(n) = block_range(c, first, last)
             first = last + 1
          end do
       end do
-      claims = claims(:n)
-      claims = claims(sort_order(real(claims%first - claims%last, wp)))
+      ranges = ranges(sort_order(real(ranges(:n)%first - ranges(:n)%last, wp)))
+      call join_ranges(plan, ranges, width, merge(n, n_ranks, is_shared), claims)
+      claims = claims(sort_order(-real(claims%n_samples(), wp)))
    end function open_claims
+
+   !> Joins ranges that do not fill a block, of cases under the same force: a block takes nearly the
+   !> same time with any number of samples. At least `fewest` claims are left.
+   pure subroutine join_ranges(plan, ranges, width, fewest, claims)
+      type(plan_type), intent(in) :: plan
+      type(block_range), intent(in) :: ranges(:)   !! longest first
+      integer, intent(in) :: width                 !! of a block
+      integer, intent(in) :: fewest
+      type(claim_type), allocatable, intent(out) :: claims(:)
+      type(claim_type), allocatable :: joined(:)
+      integer :: i, n, place
+
+      allocate (joined(size(ranges)))
+      n = 0
+      do i = 1, size(ranges)
+         place = n + 1
+         if (n + size(ranges) - i >= fewest) place = place_of(ranges(i))
+         if (place > n) then
+            n = place
+            joined(n)%ranges = [ranges(i)]
+         else
+            joined(place)%ranges = [joined(place)%ranges, ranges(i)]
+         end if
+      end do
+      claims = joined(:n)
+
+   contains
+
+      !> The first claim that a range may join; the next one without.
+      pure integer function place_of(range) result(place)
+         type(block_range), intent(in) :: range
+
+         place = n + 1
+         if (plan%excitation%per_sample .or. range%last - range%first + 1 >= width) return
+         associate (case => plan%cases(range%case_number), &
+                    most => width - (range%last - range%first + 1))
+            do place = 1, n
+               if (joined(place)%n_samples() > most) cycle
+               associate (other => plan%cases(joined(place)%ranges(1)%case_number))
+                  if (have_same_force(case, other) .and. &
+                      (case%audits > 0 .eqv. other%audits > 0)) return
+               end associate
+            end do
+         end associate
+      end function place_of
+
+   end subroutine join_ranges
+
+   !> Number of samples of a claim.
+   elemental integer function n_samples(self)
+      class(claim_type), intent(in) :: self
+
+      n_samples = sum(self%ranges%last - self%ranges%first + 1)
+   end function n_samples
 
    !> Draws the friction coefficients of a block, each sample from its own stream, or takes the
    !> given ones.
-   subroutine draw_friction(plan, models, block, friction)
+   subroutine draw_friction(plan, models, ranges, friction)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)   !! (process)
-      type(block_range), intent(in) :: block
+      type(block_range), intent(in) :: ranges(:)          !! of the block
       real(wp), allocatable, intent(out) :: friction(:, :)   !! (joint, sample)
       real(wp) :: values(plan%structure%n_points)
       type(stream_type) :: stream
-      integer :: w
+      integer :: i, sample, w
 
-      allocate (friction(plan%structure%n_joints, block%last - block%first + 1))
-      associate (process => plan%cases(block%case_number)%process)
-         if (process == 0) then
-            friction = spread(plan%friction, 2, size(friction, 2))
-            return
-         end if
-         if (plan%processes(process)%method == 'values') then
-            friction(:, :) = plan%values(plan%structure%friction_point, block%first:block%last)
-            return
-         end if
-         do w = 1, size(friction, 2)
-            stream = new_stream(plan%seed, request_label(plan%processes(process)), &
-                                block%first + w - 1)
-            call draw_points(models(process), stream, values)
-            friction(:, w) = values(plan%structure%friction_point)
-         end do
-      end associate
+      allocate (friction(plan%structure%n_joints, sum(ranges%last - ranges%first + 1)))
+      w = 0
+      do i = 1, size(ranges)
+         associate (process => plan%cases(ranges(i)%case_number)%process)
+            do sample = ranges(i)%first, ranges(i)%last
+               w = w + 1
+               if (process == 0) then
+                  friction(:, w) = plan%friction
+               else if (plan%processes(process)%method == 'values') then
+                  friction(:, w) = plan%values(plan%structure%friction_point, sample)
+               else
+                  stream = new_stream(plan%seed, request_label(plan%processes(process)), sample)
+                  call draw_points(models(process), stream, values)
+                  friction(:, w) = values(plan%structure%friction_point)
+               end if
+            end do
+         end associate
+      end do
    end subroutine draw_friction
 
 end module campaign_study

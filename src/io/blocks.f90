@@ -24,12 +24,17 @@ contains
 
       n_rows = 0
       do i = 1, size(blocks)
-         if (allocated(blocks(i)%transitions)) n_rows = n_rows + sum(blocks(i)%transitions%n)
+         associate (block => blocks(i))
+            if (allocated(block%transitions)) &
+               n_rows = n_rows + sum(block%transitions(block%before + 1: &
+                                                       block%before + block%n_samples)%n)
+         end associate
       end do
       rows = 0
       w%group = group_of(file, '/')
       do i = 1, size(blocks)
          w%before = blocks(i)%first_sample - blocks(1)%first_sample
+         w%place = blocks(i)%before
          w%n = blocks(i)%n_samples
          w%n_all = sum(blocks%n_samples)
          call visit_short(w, blocks(i))
@@ -211,7 +216,7 @@ contains
       associate (lists => block%transitions(w%place + 1:w%place + w%n))
          w%n = sum(lists%n)
          allocate (sample(w%n), time(w%n), joint(w%n), kind(w%n))
-         number = block%first_sample + w%place
+         number = block%first_sample
          if (present(first_number)) number = number + first_number
          last = 0
          do i = 1, size(lists)

@@ -77,7 +77,8 @@ contains
          last = index(label%axes, ' ', back=.true.)
          if (label%axes(last + 1:) == 'kept') label%axes = label%axes(:last)//self%dof
       else if (what%name == 'psd') then
-         label%chunk = [extents(1), frequencies_together(extents(1), extents(2)), extents(3)]
+         label%chunk = [extents(1), frequencies_together(extents(1), extents(2)), &
+                        min(extents(3), self%n_all)]
       end if
       call make_dataset(self%group%file, path, &
                         int([extents(:size(extents) - 1), self%n_all], long), label, &

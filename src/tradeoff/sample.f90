@@ -98,7 +98,7 @@ contains
       do w = 1, size(level%sample)
          associate (c => level%case_number(w), sample => level%sample(w))
             if (present(models)) then
-               call draw_friction(plan, models, block_range(c, sample, sample), friction)
+               call draw_friction(plan, models, [block_range(c, sample, sample)], friction)
                level%friction(:, w) = friction(:, 1)
             else
                level%friction(:, w) = stand_in(plan, c, sample)
