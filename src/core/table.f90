@@ -6,7 +6,7 @@ module core_table
    use core_text, only: parse_real, to_text
    implicit none(type, external)
    private
-   public :: next_word, read_table, table_type
+   public :: next_word, parse_row, parse_rows, read_table, table_type
 
    character(*), parameter :: blanks = ' ;'//achar(9)//achar(13)
    integer, parameter :: max_shown = 10        !! bad lines that are named one by one
@@ -33,16 +33,30 @@ contains
       integer, intent(in) :: fewest, most    !! values on a line
       type(table_type), intent(out) :: table
       type(complaint_list), intent(inout) :: complaints
-      character(:), allocatable :: line, refusal, rule
-      real(wp) :: values(most)
+      character(:), allocatable :: refusal
       type(source_type) :: source
+
+      call read_source(path, source, refusal, huge(1) - 1)
+      if (allocated(refusal)) then
+         call complaints%add_general(path//': '//refusal)
+      else
+         call parse_rows(source, marks, fewest, most, table, complaints)
+      end if
+   end subroutine read_table
+
+   !> Takes the rows of a text, see read_table.
+   subroutine parse_rows(source, marks, fewest, most, table, complaints)
+      type(source_type), intent(in) :: source
+      character(*), intent(in) :: marks
+      integer, intent(in) :: fewest, most
+      type(table_type), intent(out) :: table
+      type(complaint_list), intent(inout) :: complaints
+      character(:), allocatable :: line, rule
+      real(wp) :: values(most)
       integer :: n, n_bad, number
 
-      table%path = path
+      table%path = source%name
       allocate (table%value(most, 1024), table%n_columns(1024), table%line(1024))
-      call read_source(path, source, refusal, huge(1) - 1)
-      if (allocated(refusal)) call complaints%add_general(path//': '//refusal)
-      if (allocated(refusal)) return
       n_bad = 0
       do number = 1, source%n_lines()
          line = source%line(number)
@@ -51,18 +65,19 @@ contains
          if (allocated(rule)) then
             n_bad = n_bad + 1
             if (n_bad <= max_shown) &
-               call complaints%add_general(path//':'//to_text(number)//': '// &
+               call complaints%add_general(table%path//':'//to_text(number)//': '// &
                                            printable(line(:min(len_trim(line), 40)))//': '//rule)
          else if (n > 0) then
             call append_row(table, values, n, number)
          end if
       end do
       if (n_bad > max_shown) &
-         call complaints%add_general(path//': '//to_text(n_bad - max_shown)//' more bad lines')
+         call complaints%add_general(table%path//': '//to_text(n_bad - max_shown)// &
+                                     ' more bad lines')
       table%value = table%value(:, :table%n_rows)
       table%n_columns = table%n_columns(:table%n_rows)
       table%line = table%line(:table%n_rows)
-   end subroutine read_table
+   end subroutine parse_rows
 
    !> Reads the values of a line, n of them; `rule` is allocated when the line is bad.
    pure subroutine parse_row(line, fewest, values, n, rule)

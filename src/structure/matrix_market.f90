@@ -3,18 +3,15 @@
 !> header promises, is refused.
 module structure_matrix_market
    use core_complaints, only: complaint_list, printable
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use core_memory, only: gives_memory
    use core_source, only: read_source, source_type
-   use core_table, only: next_word
-   use core_text, only: lowered, parse_integer, parse_real, to_text
+   use core_table, only: next_word, parse_row, parse_rows, table_type
+   use core_text, only: lowered, to_text
    use structure_sizes, only: memory_of_matrices, most_dofs, too_large
    implicit none(type, external)
    private
    public :: matrix_file, read_matrix
-
-   integer, parameter :: word_length = 40        !! longer ones are no numbers
-   character(*), parameter :: importer = ': convert it with `python -m entroslip.structure`'
 
    !> A full matrix, and where its entries stand in the file.
    type :: matrix_file
@@ -26,14 +23,14 @@ module structure_matrix_market
       procedure :: refuse
    end type matrix_file
 
-   !> The file on its way, and what its header says.
+   !> A file, what its header says, and what its lines hold: rows, columns [, entries], then either
+   !> row, column, value or a value each.
    type :: reader_type
       type(source_type) :: source
-      integer :: line = 0                !! read last
+      type(table_type) :: table
       logical :: is_coordinate = .false., is_symmetric = .false., is_integer = .false.
-      integer :: n_rows = 0, n_columns = 0
-      integer :: n_entries = 0           !! entries that the file must hold
-      character(:), allocatable :: rule  !! rule that the file breaks, its subject first
+      integer :: line = 1                !! that is judged
+      character(:), allocatable :: rule  !! that it breaks, its subject first
    end type reader_type
 
 contains
@@ -45,6 +42,7 @@ contains
       type(complaint_list), intent(inout) :: complaints
       character(:), allocatable :: refusal
       type(reader_type) :: reader
+      integer :: n_before
 
       matrix%path = path
       allocate (matrix%value(0, 0))
@@ -53,10 +51,14 @@ contains
          call complaints%add_general(path//': '//refusal)
          return
       end if
+      n_before = complaints%n
       call read_header(reader)
-      if (.not. allocated(reader%rule)) call read_sizes(reader)
+      if (.not. allocated(reader%rule)) &
+         call parse_rows(reader%source, '%', 1, 3, reader%table, complaints)
+      if (complaints%n > n_before) return
+      if (.not. allocated(reader%rule)) call judge_sizes(reader)
       matrix%size_line = reader%line
-      if (.not. allocated(reader%rule)) call read_entries(reader, matrix)
+      if (.not. allocated(reader%rule)) call take_entries(reader, matrix)
       if (.not. allocated(reader%rule)) return
       call matrix%refuse(reader%line, reader%rule, complaints)
       deallocate (matrix%value)
@@ -78,243 +80,13 @@ contains
    end subroutine refuse
 
    !> Reads %%MatrixMarket matrix coordinate|array real|integer general|symmetric
-   subroutine read_header(reader)
+   pure subroutine read_header(reader)
       type(reader_type), intent(inout) :: reader
-      character(word_length) :: words(6)
-      integer :: n
-
-      reader%line = 1
-      call split(reader%source%line(1), words, n)
-      if (n == 0 .or. lowered(words(1)) /= '%%matrixmarket') then
-         call refuse_header(reader)
-      else if (n /= 5 .or. lowered(words(2)) /= 'matrix') then
-         reader%rule = shown(reader)//': must be %%MatrixMarket matrix, form, field, symmetry'
-      else if (all(lowered(words(3)) /= [character(10) :: 'coordinate', 'array'])) then
-         reader%rule = trim(words(3))//': must be coordinate or array'
-      else if (all(lowered(words(4)) /= [character(7) :: 'real', 'integer'])) then
-         reader%rule = trim(words(4))//': must be real or integer'
-      else if (all(lowered(words(5)) /= [character(9) :: 'general', 'symmetric'])) then
-         reader%rule = trim(words(5))//': must be general or symmetric'
-      end if
-      reader%is_coordinate = lowered(words(3)) == 'coordinate'
-      reader%is_integer = lowered(words(4)) == 'integer'
-      reader%is_symmetric = lowered(words(5)) == 'symmetric'
-   end subroutine read_header
-
-   !> Names a file of another program. Abaqus writes `node,dof,node,dof,value` (MATRIX INPUT, behind
-   !> ** comments) or `row column value` (COORDINATE), without a header.
-   subroutine refuse_header(reader)
-      type(reader_type), intent(inout) :: reader
-      character(word_length) :: words(6)
       character(:), allocatable :: line
-      integer :: i, n
+      character(40) :: words(5)
+      integer :: first, last, n
 
-      do i = 1, reader%source%n_lines()
-         line = reader%source%line(i)
-         if (index(adjustl(line), '*') == 1 .or. verify(line, ' '//achar(9)//achar(13)) == 0) cycle
-         call split(commas_to_blanks(line), words, n)
-         if (are_numbers(words, n)) then
-            reader%line = i
-            if (n == 5) reader%rule = shown(reader)//': an Abaqus matrix (node, dof, node, '// &
-                                      'dof, value), not Matrix Market'//importer
-            if (n == 3) reader%rule = shown(reader)// &
-                            ': row, column, value without a header, as Abaqus writes them'//importer
-         end if
-         exit
-      end do
-      if (.not. allocated(reader%rule)) &
-         reader%rule = shown(reader)//': must begin with %%MatrixMarket matrix'
-   end subroutine refuse_header
-
-   !> True if all but the last word are whole numbers, and the last is a number.
-   logical function are_numbers(words, n)
-      character(*), intent(in) :: words(:)
-      integer, intent(in) :: n
-      character(:), allocatable :: rule
-      integer(long) :: number
-      real(wp) :: value
-      integer :: i
-
-      are_numbers = n >= 1 .and. n <= size(words)
-      if (.not. are_numbers) return
-      do i = 1, n - 1
-         call parse_integer(trim(words(i)), int(huge(1), long), number, rule)
-         are_numbers = are_numbers .and. .not. allocated(rule)
-      end do
-      call parse_real(trim(words(n)), value, rule)
-      are_numbers = are_numbers .and. .not. allocated(rule)
-   end function are_numbers
-
-   pure function commas_to_blanks(line) result(text)
-      character(*), intent(in) :: line
-      character(len(line)) :: text
-      integer :: i
-
-      text = line
-      do i = 1, len(line)
-         if (line(i:i) == ',') text(i:i) = ' '
-      end do
-   end function commas_to_blanks
-
-   !> Reads rows columns [entries], behind % comments.
-   subroutine read_sizes(reader)
-      type(reader_type), intent(inout) :: reader
-      integer :: sizes(3), n
-
-      n = merge(3, 2, reader%is_coordinate)
-      sizes(3) = 0
-      if (.not. advance(reader)) then
-         reader%rule = 'ends before its sizes'
-         return
-      end if
-      call read_numbers(reader, 'must be the '//to_text(n)//' sizes: rows, columns'// &
-                        trim(merge(', entries', '         ', reader%is_coordinate)), sizes(:n))
-      if (allocated(reader%rule)) return
-      reader%n_rows = sizes(1)
-      reader%n_columns = sizes(2)
-      if (any(sizes(:2) < 1 .or. sizes(:2) > most_dofs)) then
-         reader%rule = shown(reader)//': rows and columns must be from 1 to '//to_text(most_dofs)
-      else if (.not. gives_memory(memory_of_matrices(sizes(1), sizes(2) - sizes(1)))) then
-         reader%rule = shown(reader)//': '// &
-                       too_large(memory_of_matrices(sizes(1), sizes(2) - sizes(1)))
-      else if (reader%is_symmetric .and. sizes(1) /= sizes(2)) then
-         reader%rule = shown(reader)//': a symmetric matrix must have as many rows as columns'
-      else if (sizes(3) < 0 .or. sizes(3) > sizes(1)*sizes(2)) then
-         reader%rule = shown(reader)//': entries must be from 0 to rows times columns'
-      end if
-      if (allocated(reader%rule)) return
-      reader%n_entries = sizes(3)
-      if (reader%is_coordinate) return
-      reader%n_entries = sizes(1)*sizes(2)
-      if (reader%is_symmetric) reader%n_entries = sizes(1)*(sizes(1) + 1)/2
-   end subroutine read_sizes
-
-   !> Reads exactly as many entries as the header promises, each once.
-   subroutine read_entries(reader, matrix)
-      type(reader_type), intent(inout) :: reader
-      type(matrix_file), intent(inout) :: matrix
-      real(wp) :: value
-      integer :: i, j, n, place(2)
-
-      deallocate (matrix%value)
-      allocate (matrix%value(reader%n_rows, reader%n_columns), source=0.0_wp)
-      allocate (matrix%line(reader%n_rows, reader%n_columns), source=0)
-      i = 0
-      j = 1
-      do n = 1, reader%n_entries
-         if (.not. advance(reader)) then
-            reader%rule = 'holds '//to_text(n - 1)//' entries: must be '//to_text(reader%n_entries)
-            return
-         end if
-         if (reader%is_coordinate) then
-            call read_numbers(reader, 'must be row, column and value between blanks', place, value)
-            i = place(1)
-            j = place(2)
-            if (.not. allocated(reader%rule)) call judge_place(reader, i, j, matrix%line)
-         else
-            i = i + 1   ! columns one behind the other; of a symmetric one from the diagonal down
-            if (i > reader%n_rows) then
-               j = j + 1
-               i = merge(j, 1, reader%is_symmetric)
-            end if
-            call read_numbers(reader, 'must be one value', place(:0), value)
-         end if
-         if (allocated(reader%rule)) return
-         matrix%value(i, j) = value
-         matrix%line(i, j) = reader%line
-         if (reader%is_symmetric) then
-            matrix%value(j, i) = value
-            matrix%line(j, i) = reader%line
-         end if
-      end do
-      if (advance(reader)) reader%rule = shown(reader)//': stands behind the last of '// &
-                                         to_text(reader%n_entries)//' entries'
-   end subroutine read_entries
-
-   !> Requires a place within the matrix, in the lower triangle of a symmetric one, and not given
-   !> before.
-   subroutine judge_place(reader, i, j, line)
-      type(reader_type), intent(inout) :: reader
-      integer, intent(in) :: i, j
-      integer, intent(in) :: line(:, :)   !! of the entries before
-
-      if (i < 1 .or. i > reader%n_rows .or. j < 1 .or. j > reader%n_columns) then
-         reader%rule = shown(reader)//': row and column must be from 1 to '// &
-                       to_text(reader%n_rows)//' and '//to_text(reader%n_columns)
-      else if (reader%is_symmetric .and. i < j) then
-         reader%rule = shown(reader)//': a symmetric file must hold the lower triangle alone'
-      else if (line(i, j) > 0) then
-         reader%rule = shown(reader)//': the entry is there twice'
-      end if
-   end subroutine judge_place
-
-   !> Reads whole numbers and, behind them, a value where one is wanted, which fill the line.
-   subroutine read_numbers(reader, rule, indices, value)
-      type(reader_type), intent(inout) :: reader
-      character(*), intent(in) :: rule   !! of a line that holds more or fewer
-      integer, intent(out) :: indices(:)
-      real(wp), intent(out), optional :: value
-      character(word_length) :: words(4)
-      integer :: i, n, wanted
-
-      indices = 0
-      if (present(value)) value = 0.0_wp
-      wanted = size(indices) + merge(1, 0, present(value))
-      call split(reader%source%line(reader%line), words, n)
-      if (n /= wanted) reader%rule = shown(reader)//': '//rule
-      do i = 1, size(indices)
-         if (.not. allocated(reader%rule)) call parse_index(reader, words(i), indices(i))
-      end do
-      if (present(value) .and. .not. allocated(reader%rule)) &
-         call parse_value(reader, words(wanted), value)
-   end subroutine read_numbers
-
-   subroutine parse_index(reader, word, value)
-      type(reader_type), intent(inout) :: reader
-      character(*), intent(in) :: word
-      integer, intent(out) :: value
-      character(:), allocatable :: rule
-      integer(long) :: wide
-
-      call parse_integer(trim(word), int(huge(1), long), wide, rule)
-      value = int(wide)
-      if (allocated(rule)) reader%rule = printable(trim(word))//': '//rule
-   end subroutine parse_index
-
-   subroutine parse_value(reader, word, value)
-      type(reader_type), intent(inout) :: reader
-      character(*), intent(in) :: word
-      real(wp), intent(out) :: value
-      character(:), allocatable :: rule
-      integer(long) :: wide
-
-      if (reader%is_integer) call parse_integer(trim(word), huge(1_long), wide, rule)
-      if (.not. allocated(rule)) call parse_real(trim(word), value, rule)
-      if (allocated(rule)) reader%rule = printable(trim(word))//': '//rule
-   end subroutine parse_value
-
-   !> True if another line that is neither blank nor a comment follows; moves to it.
-   logical function advance(reader)
-      type(reader_type), intent(inout) :: reader
-      integer :: start
-
-      advance = .true.
-      do while (reader%line < reader%source%n_lines())
-         reader%line = reader%line + 1
-         start = verify(reader%source%line(reader%line), ' '//achar(9)//achar(13))
-         if (start == 0) cycle
-         if (index(adjustl(reader%source%line(reader%line)), '%') /= 1) return
-      end do
-      advance = .false.
-   end function advance
-
-   !> Splits a line into words; n exceeds their room where there are more, or where one is too long.
-   pure subroutine split(line, words, n)
-      character(*), intent(in) :: line
-      character(word_length), intent(out) :: words(:)
-      integer, intent(out) :: n
-      integer :: first, last
-
+      line = lowered(reader%source%line(1))
       words = ''
       n = 0
       last = 0
@@ -322,13 +94,155 @@ contains
          call next_word(line, first, last)
          if (first > last) exit
          n = n + 1
-         if (last - first >= len(words)) n = size(words) + 1
-         if (n > size(words)) return
-         words(n) = line(first:last)
+         if (n <= size(words)) words(n) = line(first:last)
       end do
-   end subroutine split
+      if (words(1) /= '%%matrixmarket') then
+         call refuse_header(reader)
+      else if (n /= 5 .or. words(2) /= 'matrix') then
+         reader%rule = shown(reader)//': must be %%MatrixMarket matrix, form, field, symmetry'
+      else if (all(words(3) /= [character(10) :: 'coordinate', 'array'])) then
+         reader%rule = printable(trim(words(3)))//': must be coordinate or array'
+      else if (all(words(4) /= [character(7) :: 'real', 'integer'])) then
+         reader%rule = printable(trim(words(4)))//': must be real or integer'
+      else if (all(words(5) /= [character(9) :: 'general', 'symmetric'])) then
+         reader%rule = printable(trim(words(5)))//': must be general or symmetric'
+      end if
+      reader%is_coordinate = words(3) == 'coordinate'
+      reader%is_integer = words(4) == 'integer'
+      reader%is_symmetric = words(5) == 'symmetric'
+   end subroutine read_header
 
-   !> The line read last, cut where it is long.
+   !> Names a file of another program. Abaqus writes `node,dof,node,dof,value` (MATRIX INPUT, behind
+   !> ** comments) or `row column value` (COORDINATE), without a header.
+   pure subroutine refuse_header(reader)
+      type(reader_type), intent(inout) :: reader
+      character(*), parameter :: importer = ': convert it with `python -m entroslip.structure`'
+      character(:), allocatable :: line, rule
+      real(wp) :: values(5)
+      integer :: k, n
+
+      n = 0
+      do while (n == 0 .and. reader%line <= reader%source%n_lines())
+         line = reader%source%line(reader%line)
+         do k = 1, len(line)
+            if (line(k:k) == ',') line(k:k) = ' '
+         end do
+         if (index(adjustl(line), '*') /= 1) call parse_row(line, 1, values, n, rule)
+         reader%line = reader%line + 1
+      end do
+      reader%line = merge(reader%line - 1, 1, any(n == [3, 5]) .and. .not. allocated(rule))
+      if (n == 5 .and. .not. allocated(rule)) then
+         reader%rule = shown(reader)//': an Abaqus matrix (node, dof, node, dof, value), not '// &
+                       'Matrix Market'//importer
+      else if (n == 3 .and. .not. allocated(rule)) then
+         reader%rule = shown(reader)//': row, column, value without a header, as Abaqus writes '// &
+                       'them'//importer
+      else
+         reader%rule = shown(reader)//': must begin with %%MatrixMarket matrix'
+      end if
+   end subroutine refuse_header
+
+   !> Judges the line of rows, columns [, entries].
+   subroutine judge_sizes(reader)
+      type(reader_type), intent(inout) :: reader
+      real(wp) :: sizes(3)
+
+      if (reader%table%n_rows == 0) then
+         reader%rule = 'ends before its sizes'
+         return
+      end if
+      reader%line = reader%table%line(1)
+      sizes = reader%table%value(:, 1)
+      if (reader%table%n_columns(1) /= merge(3, 2, reader%is_coordinate) .or. &
+          any(abs(sizes - aint(sizes)) > 0.0_wp)) then
+         reader%rule = shown(reader)//': must be the 2 sizes: rows, columns'
+         if (reader%is_coordinate) &
+            reader%rule = shown(reader)//': must be the 3 sizes: rows, columns, entries'
+      else if (any(sizes(:2) < 1.0_wp .or. sizes(:2) > most_dofs)) then
+         reader%rule = shown(reader)//': rows and columns must be from 1 to '//to_text(most_dofs)
+      else if (.not. gives_memory(memory_of_matrices(int(sizes(1)), &
+                                                     int(sizes(2) - sizes(1))))) then
+         reader%rule = shown(reader)//': '// &
+                       too_large(memory_of_matrices(int(sizes(1)), int(sizes(2) - sizes(1))))
+      else if (reader%is_symmetric .and. abs(sizes(1) - sizes(2)) > 0.0_wp) then
+         reader%rule = shown(reader)//': a symmetric matrix must have as many rows as columns'
+      else if (sizes(3) < 0.0_wp .or. sizes(3) > sizes(1)*sizes(2)) then
+         reader%rule = shown(reader)//': entries must be from 0 to rows times columns'
+      end if
+   end subroutine judge_sizes
+
+   !> Takes exactly as many entries as the header promises, each once.
+   subroutine take_entries(reader, matrix)
+      type(reader_type), intent(inout) :: reader
+      type(matrix_file), intent(inout) :: matrix
+      integer :: i, j, n, n_entries, sizes(3)
+
+      sizes = int(reader%table%value(:, 1))
+      n_entries = sizes(1)*sizes(2)
+      if (reader%is_symmetric) n_entries = sizes(1)*(sizes(1) + 1)/2
+      if (reader%is_coordinate) n_entries = sizes(3)
+      deallocate (matrix%value)
+      allocate (matrix%value(sizes(1), sizes(2)), source=0.0_wp)
+      allocate (matrix%line(sizes(1), sizes(2)), source=0)
+      i = 0
+      j = 1
+      do n = 2, reader%table%n_rows
+         reader%line = reader%table%line(n)
+         if (n > n_entries + 1) then
+            reader%rule = shown(reader)//': stands behind the last of '//to_text(n_entries)// &
+                          ' entries'
+         else
+            call judge_entry(reader, n, matrix%line)
+         end if
+         if (allocated(reader%rule)) return
+         if (reader%is_coordinate) then
+            i = int(reader%table%value(1, n))
+            j = int(reader%table%value(2, n))
+         else
+            i = i + 1   ! columns one behind the other; of a symmetric one from the diagonal down
+            if (i > sizes(1)) then
+               j = j + 1
+               i = merge(j, 1, reader%is_symmetric)
+            end if
+         end if
+         matrix%value(i, j) = reader%table%value(reader%table%n_columns(n), n)
+         matrix%line(i, j) = reader%line
+         if (reader%is_symmetric) then
+            matrix%value(j, i) = matrix%value(i, j)
+            matrix%line(j, i) = reader%line
+         end if
+      end do
+      if (n < n_entries + 2) reader%rule = 'holds '//to_text(n - 2)//' entries: must be '// &
+                                           to_text(n_entries)
+   end subroutine take_entries
+
+   !> Requires a value and, of a coordinate file, a place within the matrix, in the lower triangle
+   !> of a symmetric one, and not given before.
+   pure subroutine judge_entry(reader, n, line)
+      type(reader_type), intent(inout) :: reader
+      integer, intent(in) :: n
+      integer, intent(in) :: line(:, :)   !! of the entries before
+      real(wp) :: fraction(3), row(3)
+
+      row = reader%table%value(:, n)
+      fraction = abs(row - aint(row))
+      if (.not. reader%is_coordinate) then
+         if (reader%table%n_columns(n) /= 1) reader%rule = shown(reader)//': must be one value'
+      else if (reader%table%n_columns(n) /= 3) then
+         reader%rule = shown(reader)//': must be row, column and value between blanks'
+      else if (any(row(:2) < 1.0_wp .or. row(:2) > shape(line) .or. fraction(:2) > 0.0_wp)) then
+         reader%rule = shown(reader)//': row and column must be from 1 to '// &
+                       to_text(size(line, 1))//' and '//to_text(size(line, 2))
+      else if (reader%is_symmetric .and. row(1) < row(2)) then
+         reader%rule = shown(reader)//': a symmetric file must hold the lower triangle alone'
+      else if (line(int(row(1)), int(row(2))) > 0) then
+         reader%rule = shown(reader)//': the entry is there twice'
+      end if
+      if (reader%is_integer .and. fraction(reader%table%n_columns(n)) > 0.0_wp .and. &
+          .not. allocated(reader%rule)) reader%rule = shown(reader)//': must be a whole number'
+   end subroutine judge_entry
+
+   !> The line that is judged, cut where it is long.
    pure function shown(reader) result(text)
       type(reader_type), intent(in) :: reader
       character(:), allocatable :: text
