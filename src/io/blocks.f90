@@ -1,16 +1,34 @@
 !> Datasets of the samples of a block, each said once: its name, unit, axes, meaning and place. A
-!> shard, the results file and the way back from either walk this list.
+!> shard, the results file and the way back from either walk this list: a visitor writes them into a
+!> file of their own, reads them, or puts them among those of all samples.
 module io_blocks
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_results, only: block_result
+   use core_chunks, only: frequencies_together
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use io_group, only: group_of, group_type
-   use io_hdf5, only: hdf5_file, read_extent
-   use io_dataset_visitor, only: dataset_type, dataset_visitor, puts, reads
+   use io_hdf5, only: allocate_for, hdf5_file, label_type, make_dataset, move_rows, read_extent
    implicit none(type, external)
    private
    public :: kept_axis, put_long, put_short, read_block, write_blocks
+
+   integer, parameter :: writes = 1, reads = 2, puts = 3   !! what a visitor does
+
+   !> Does one thing with each dataset that it visits.
+   type :: dataset_visitor
+      integer :: deed = writes
+      type(group_type) :: group            !! where the datasets are or come to be
+      character(:), allocatable :: dof     !! the axis of the dofs whose spectra are kept
+      integer :: before = 0                !! rows of the file before those concerned
+      integer :: place = 0                 !! rows of the block before those concerned
+      integer :: n = 0                     !! rows concerned: samples, at last transitions
+      integer :: n_all = 0                 !! rows of what is made: in the block, in the file
+      integer :: first_number = 0          !! samples before the first of the case
+      integer :: rows = 0, n_rows = 0      !! transitions that are made already, and of all samples
+   contains
+      procedure :: visit
+   end type dataset_visitor
 
 contains
 
@@ -20,17 +38,15 @@ contains
       type(block_result), intent(inout) :: blocks(:)   !! left as they were
       type(error_type), allocatable, intent(out) :: error
       type(dataset_visitor) :: w
-      integer :: i, n_rows, rows
+      integer :: i
 
-      n_rows = 0
       do i = 1, size(blocks)
          associate (block => blocks(i))
             if (allocated(block%transitions)) &
-               n_rows = n_rows + sum(block%transitions(block%before + 1: &
-                                                       block%before + block%n_samples)%n)
+               w%n_rows = w%n_rows + sum(block%transitions(block%before + 1: &
+                                                           block%before + block%n_samples)%n)
          end associate
       end do
-      rows = 0
       w%group = group_of(file, '/')
       do i = 1, size(blocks)
          w%before = blocks(i)%first_sample - blocks(1)%first_sample
@@ -38,7 +54,7 @@ contains
          w%n = blocks(i)%n_samples
          w%n_all = sum(blocks%n_samples)
          call visit_short(w, blocks(i))
-         call visit_long(w, blocks(i), rows=rows, n_rows=n_rows)
+         call visit_long(w, blocks(i))
       end do
       call w%group%take_error(error)
    end subroutine write_blocks
@@ -88,7 +104,11 @@ contains
       type(dataset_visitor) :: w
 
       call start_putting(group, plan, block, w)
-      call visit_long(w, block, plan%cases(block%case_number)%first_sample - 1, rows, n_rows)
+      w%first_number = plan%cases(block%case_number)%first_sample - 1
+      w%rows = rows
+      w%n_rows = n_rows
+      call visit_long(w, block)
+      rows = w%rows
       group = w%group
    end subroutine put_long
 
@@ -113,79 +133,63 @@ contains
       character(*), parameter :: by_sample = 'sample', by_joint = 'sample joint', &
                                  by_dof = 'sample dof'
 
-      call w%visit(dataset_type('friction', '1', by_joint, 'friction coefficient'), block%friction)
-      call w%visit(dataset_type('slip_fraction', '1', by_joint, 'fraction of time in slip'), &
+      call w%visit('friction', '1', by_joint, 'friction coefficient', block%friction)
+      call w%visit('slip_fraction', '1', by_joint, 'fraction of time in slip', &
                    block%slip_fraction)
-      call w%visit(dataset_type('slip_fraction_error', '1', by_joint, &
-                                'time-average error of slip_fraction'), &
+      call w%visit('slip_fraction_error', '1', by_joint, 'time-average error of slip_fraction', &
                    block%slip_fraction_error)
-      call w%visit(dataset_type('slip_starts', '1', by_joint, &
-                                'number of transitions from stick to slip', 'long'), &
-                   block%slip_starts)
-      call w%visit(dataset_type('stick_starts', '1', by_joint, &
-                                'number of transitions from slip to stick', 'long'), &
-                   block%stick_starts)
-      call w%visit(dataset_type('slip_distance', 'm', by_joint, &
-                                'distance that the joint slips'), block%slip_distance)
-      call w%visit(dataset_type('dissipation', 'J', by_joint, 'work that the joint dissipates'), &
+      call w%visit('slip_starts', '1', by_joint, 'number of transitions from stick to slip', &
+                   block%slip_starts, 'long')
+      call w%visit('stick_starts', '1', by_joint, 'number of transitions from slip to stick', &
+                   block%stick_starts, 'long')
+      call w%visit('slip_distance', 'm', by_joint, 'distance that the joint slips', &
+                   block%slip_distance)
+      call w%visit('dissipation', 'J', by_joint, 'work that the joint dissipates', &
                    block%dissipation)
-      call w%visit(dataset_type('joint_displacement_max', 'm', by_joint, &
-                                'largest displacement between the ends of the joint, at the '// &
-                                'steps that enter the spectra'), block%joint_displacement_max)
-      call w%visit(dataset_type('harmonic_amplitude', 'm', by_dof, &
-                                'amplitude of the fundamental, last ten periods'), &
-                   block%harmonic_amplitude)
-      call w%visit(dataset_type('harmonic_phase', 'rad', by_dof, &
-                                'phase of the fundamental against the force, negative: behind'), &
+      call w%visit('joint_displacement_max', 'm', by_joint, 'largest displacement between '// &
+                   'the ends of the joint, at the steps that enter the spectra', &
+                   block%joint_displacement_max)
+      call w%visit('harmonic_amplitude', 'm', by_dof, &
+                   'amplitude of the fundamental, last ten periods', block%harmonic_amplitude)
+      call w%visit('harmonic_phase', 'rad', by_dof, &
+                   'phase of the fundamental against the force, negative: behind', &
                    block%harmonic_phase)
-      call w%visit(dataset_type('steady_since', 's', by_sample, 'time from which on the '// &
-                                'fundamentals of ten periods agree to 1e-3; NaN: never'), &
-                   block%steady_since)
-      call w%visit(dataset_type('steady', '1', by_sample, &
-                                '1: the last two windows of ten periods agree to 1e-3', &
-                                'integer'), &
-                   block%steady)
-      call w%visit(dataset_type('energy_input', 'J', by_sample, &
-                                'work of the force since n_discard'), &
+      call w%visit('steady_since', 's', by_sample, 'time from which on the fundamentals of '// &
+                   'ten periods agree to 1e-3; NaN: never', block%steady_since)
+      call w%visit('steady', '1', by_sample, &
+                   '1: the last two windows of ten periods agree to 1e-3', block%steady, &
+                   'integer')
+      call w%visit('energy_input', 'J', by_sample, 'work of the force since n_discard', &
                    block%energy_input)
-      call w%visit(dataset_type('energy_viscous', 'J', by_sample, &
-                                'work of the viscous damping since n_discard'), &
-                   block%energy_viscous)
-      call w%visit(dataset_type('energy_friction', 'J', by_sample, &
-                                'work of the friction since n_discard'), &
+      call w%visit('energy_viscous', 'J', by_sample, &
+                   'work of the viscous damping since n_discard', block%energy_viscous)
+      call w%visit('energy_friction', 'J', by_sample, 'work of the friction since n_discard', &
                    block%energy_friction)
-      call w%visit(dataset_type('energy_stored', 'J', by_sample, &
-                                'change of kinetic and strain energy since n_discard'), &
-                   block%energy_stored)
-      call w%visit(dataset_type('energy_defect', 'J', by_sample, &
-                                'input - viscous - friction - stored'), block%energy_defect)
+      call w%visit('energy_stored', 'J', by_sample, &
+                   'change of kinetic and strain energy since n_discard', block%energy_stored)
+      call w%visit('energy_defect', 'J', by_sample, 'input - viscous - friction - stored', &
+                   block%energy_defect)
    end subroutine visit_short
 
    !> Visits what grows with the march. Transitions are rows of their own: they come last.
-   subroutine visit_long(w, block, first_number, rows, n_rows)
+   subroutine visit_long(w, block)
       type(dataset_visitor), intent(inout) :: w
       type(block_result), intent(inout) :: block
-      integer, intent(in), optional :: first_number   !! samples before the first of the case
-      integer, intent(inout), optional :: rows        !! where they are put: transitions there
-      integer, intent(in), optional :: n_rows         !! of all samples
 
-      call w%visit(dataset_type('slip_series', '1', 'sample span joint', &
-                                'fraction of time in slip within each of equal spans of time'), &
+      call w%visit('slip_series', '1', 'sample span joint', &
+                   'fraction of time in slip within each of equal spans of time', &
                    block%slip_series)
-      call w%visit(dataset_type('psd', 'm^2/Hz', 'sample frequency kept', &
-                                'power spectral density of the displacement, one-sided'), block%psd)
-      call w%visit(dataset_type('power_series', 'm^2', 'sample batch kept', &
-                                'mean square of the displacement in consecutive batches of '// &
-                                'segments, within ranges of frequencies; those of a range '// &
-                                'together'), &
-                   block%power_series)
-      call w%visit(dataset_type('displacement', 'm', 'sample time kept', 'displacement'), &
-                   block%displacement)
-      call w%visit(dataset_type('velocity', 'm/s', 'sample time kept', 'velocity'), block%velocity)
+      call w%visit('psd', 'm^2/Hz', 'sample frequency kept', &
+                   'power spectral density of the displacement, one-sided', block%psd)
+      call w%visit('power_series', 'm^2', 'sample batch kept', 'mean square of the '// &
+                   'displacement in consecutive batches of segments, within ranges of '// &
+                   'frequencies; those of a range together', block%power_series)
+      call w%visit('displacement', 'm', 'sample time kept', 'displacement', block%displacement)
+      call w%visit('velocity', 'm/s', 'sample time kept', 'velocity', block%velocity)
       if (w%deed == reads) then
          call read_transitions(w, block)
       else if (allocated(block%transitions)) then
-         call hand_on_transitions(w, block, first_number, rows, n_rows)
+         call hand_on_transitions(w, block)
       end if
    end subroutine visit_long
 
@@ -195,29 +199,24 @@ contains
       real(wp), allocatable, intent(inout) :: sample(:), time(:), joint(:), kind(:)
       character(*), parameter :: by_row = 'transition'
 
-      call w%visit(dataset_type('transition_sample', '1', by_row, 'sample of the transition', &
-                                'integer'), sample)
-      call w%visit(dataset_type('transition_time', 's', by_row, 'time of the transition'), time)
-      call w%visit(dataset_type('transition_joint', '1', by_row, 'joint of the transition', &
-                                'integer'), joint)
-      call w%visit(dataset_type('transition_kind', '1', by_row, &
-                                '+1, -1: slip starts in that direction; 0: sticks', 'integer'), &
-                   kind)
+      call w%visit('transition_sample', '1', by_row, 'sample of the transition', sample, &
+                   'integer')
+      call w%visit('transition_time', 's', by_row, 'time of the transition', time)
+      call w%visit('transition_joint', '1', by_row, 'joint of the transition', joint, 'integer')
+      call w%visit('transition_kind', '1', by_row, &
+                   '+1, -1: slip starts in that direction; 0: sticks', kind, 'integer')
    end subroutine visit_columns
 
-   subroutine hand_on_transitions(w, block, first_number, rows, n_rows)
+   subroutine hand_on_transitions(w, block)
       type(dataset_visitor), intent(inout) :: w
       type(block_result), intent(in) :: block
-      integer, intent(in), optional :: first_number, n_rows
-      integer, intent(inout), optional :: rows
       real(wp), allocatable :: sample(:), time(:), joint(:), kind(:)
       integer :: first, i, last, number
 
       associate (lists => block%transitions(w%place + 1:w%place + w%n))
          w%n = sum(lists%n)
          allocate (sample(w%n), time(w%n), joint(w%n), kind(w%n))
-         number = block%first_sample
-         if (present(first_number)) number = number + first_number
+         number = w%first_number + block%first_sample
          last = 0
          do i = 1, size(lists)
             first = last + 1
@@ -230,12 +229,9 @@ contains
          end do
       end associate
       w%place = 0
-      w%n_all = w%n
-      if (present(rows)) then
-         w%before = rows
-         w%n_all = n_rows
-         rows = rows + w%n
-      end if
+      w%before = w%rows
+      w%n_all = w%n_rows
+      w%rows = w%rows + w%n
       call visit_columns(w, sample, time, joint, kind)
    end subroutine hand_on_transitions
 
@@ -268,6 +264,47 @@ contains
          end associate
       end do
    end subroutine read_transitions
+
+   !> Does the deed on the rows concerned. What is not there is passed by. A dataset that is made in
+   !> a block's own file has no axes, and spectra are cut into ranges of frequencies, which is how
+   !> statistics read them. A chunk has the samples of one block: more would not fit into HDF5's
+   !> cache of 1 MB.
+   subroutine visit(self, name, units, axes, about, values, kind)
+      class(dataset_visitor), intent(inout) :: self
+      character(*), intent(in) :: name, units, axes, about   !! axes in Python's order
+      real(wp), allocatable, intent(inout) :: values(..)
+      character(*), intent(in), optional :: kind   !! as label_type has it
+      type(label_type) :: label
+      character(:), allocatable :: path
+      integer :: extents(rank(values)), last
+
+      if (allocated(self%group%error)) return
+      path = self%group%at(name)
+      if (self%deed == reads) then
+         if (.not. self%group%file%has(path)) return
+         call allocate_for(self%group%file, path, values, self%group%error, self%n_all)
+      else if (.not. allocated(values)) then
+         return
+      else if (.not. self%group%file%has(path)) then
+         label = label_type(units, about, '')
+         if (present(kind)) label%kind = kind
+         extents = shape(values)
+         if (self%deed == puts) then
+            last = index(axes, ' ', back=.true.)
+            label%axes = axes
+            if (axes(last + 1:) == 'kept') label%axes = axes(:last)//self%dof
+         else if (name == 'psd') then
+            label%chunk = [extents(1), frequencies_together(extents(1), extents(2)), &
+                           min(extents(3), self%n_all)]
+         end if
+         call make_dataset(self%group%file, path, &
+                           int([extents(:size(extents) - 1), self%n_all], long), label, &
+                           self%group%error)
+      end if
+      if (.not. allocated(self%group%error)) &
+         call move_rows(self%group%file, path, self%before, values, self%place, self%n, &
+                        self%deed /= reads, self%group%error)
+   end subroutine visit
 
    !> The axis of the dofs whose spectra and histories are kept.
    pure function kept_axis(plan) result(name)
