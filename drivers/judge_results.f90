@@ -13,7 +13,6 @@ module driver_judge_results
    use core_text, only: to_text
    use driver_output, only: output_type
    use driver_regression, only: find_estimates
-   use driver_shards, only: list_stored
    use driver_statistics, only: case_task, open_case
    use io_error_results, only: case_errors, read_errors
    use io_gathering, only: stored_samples
@@ -215,7 +214,7 @@ contains
       type(case_task) :: task
       integer :: i
 
-      call list_stored(output%world, output%store, stored, error)
+      call output%list_stored(stored, error)
       if (output%world%any_true(allocated(error))) return
       do i = 1, size(plan%cases)
          if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle

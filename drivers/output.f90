@@ -15,11 +15,10 @@ module driver_output
    use driver_campaign, only: tell_folder
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
-   use driver_shards, only: list_stored, verify_shards
    use io_earlier_results, only: check_replaceable, extract_shards, inspect_results
    use io_error_results, only: case_errors, read_errors
    use io_files, only: exists, follow_links, remove_file
-   use io_gathering, only: finished_samples, stored_samples
+   use io_gathering, only: finished_samples, order_shards, stored_samples
    use io_lock, only: lock_type, take_lock
    use io_shards, only: list_shards, named_shard, remove_covered, shard_type, verify_shard
    use io_store, only: new_store, remove_leftovers, remove_store, shard_store
@@ -39,13 +38,15 @@ module driver_output
       logical :: is_shared = .false.                 !! with other runs; none of them merges
       logical :: is_complete = .false.               !! an earlier run left nothing to do
       logical :: has_other_estimates = .false.       !! of more samples than are wanted; root
-      integer, allocatable :: n_stored(:)            !! (case and audit) in a results file; root
+      integer, allocatable :: n_stored(:)            !! (case and audit) in a results file
       logical, allocatable :: is_finished(:, :)      !! (sample, case) by an earlier run
       type(lock_type) :: lock
    contains
       procedure :: take
       procedure :: give_back
       procedure :: look_again
+      procedure :: list_stored
+      procedure :: verify
       procedure :: say
       procedure :: stop_on
       procedure :: end_run
@@ -114,36 +115,38 @@ contains
       type(output_type), intent(out) :: output
       type(stored_samples) :: stored
       type(error_type), allocatable :: error
+      integer :: c
 
       call name_output(world, line, scene, '.h5', output)
       call refuse_long_lists(plan, error)
       call world%stop_on(error)
-      allocate (output%is_finished(maxval([plan%cases%n_samples, 0]), size(plan%cases)), &
-                source=.false.)
       output%is_shared = line%is_shared
-      if (output%is_shared) then
-         if (world%is_root()) call find_stored(plan, output, error)
-         call output%stop_on(error)
-         if (.not. world%is_root()) &
-            call take_lock(output%path, output%lock, error, is_shared=.true.)
-      else if (world%is_root()) then
-         call find_finished(line%is_fresh, plan, output, error)
-      end if
+      if (world%is_root()) call take_place(line%is_fresh, plan, output, error)
+      call output%stop_on(error)
+      if (output%is_shared .and. .not. world%is_root()) &
+         call take_lock(output%path, output%lock, error, is_shared=.true.)
       call output%stop_on(error)
       call tell_folder(output%path, output%lock%n_folders, output%is_quiet)
       output%is_complete = world%any_true(output%is_complete)   ! the root knows
-      if (.not. (output%is_shared .or. output%is_complete)) then
-         call list_stored(world, output%store, stored, error)
-         if (.not. allocated(error)) call verify_shards(world, stored, error)
-         call output%stop_on(error)
-         call mark_finished(plan, stored%shards, output)
-         call say_continuing(plan, output)
-      end if
-      call share_finished(output)
+      call world%broadcast(output%n_stored)
+      allocate (output%is_finished(maxval([plan%cases%n_samples, 0]), size(plan%cases)), &
+                source=.false.)
+      do c = 1, size(plan%cases)
+         output%is_finished(:min(output%n_stored(c), plan%cases(c)%n_samples), c) = .true.
+      end do
+      if (output%is_complete) return
+      call output%list_stored(stored, error)
+      if (.not. allocated(error)) call output%verify(stored, error)
+      call output%stop_on(error)
+      call mark_finished(plan, stored%shards, output)
+      if (any(output%is_finished)) &
+         call output%say('continuing: '//to_text(count(output%is_finished))//' of '// &
+                         to_text(sum(plan%cases%n_samples))//' samples are there')
    end subroutine open_output
 
-   !> Takes the lock, takes up what an earlier run left, and clears away what no run can use.
-   subroutine find_finished(starts_anew, plan, output, error)
+   !> Takes the lock and takes up what an earlier run left. A run alone clears away what no run can
+   !> use; beside other runs nothing is, and a results file stays as it is.
+   subroutine take_place(starts_anew, plan, output, error)
       logical, intent(in) :: starts_anew
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
@@ -153,42 +156,15 @@ contains
          call clear_place(output, error)
          if (.not. allocated(error)) call remove_file(output%path, error)
       else
-         call take_lock(output%path, output%lock, error)
-         if (.not. allocated(error)) call take_up_results(plan, output, error)
+         call take_lock(output%path, output%lock, error, output%is_shared)
+         if (.not. allocated(error)) &
+            call inspect_results(output%path, output%store%identity, output%n_stored, error)
+         if (allocated(output%n_stored)) call take_up_results(plan, output, error)
       end if
-      if (.not. (allocated(error) .or. output%is_complete)) &
+      if (.not. allocated(output%n_stored)) output%n_stored = spread(0, 1, size(plan%cases))
+      if (.not. (allocated(error) .or. output%is_complete .or. output%is_shared)) &
          call remove_leftovers(output%store, error)
-   end subroutine find_finished
-
-   !> Finds what is stored beside other runs: clears nothing away and leaves a results file as it
-   !> is. Verifies one shard, as all belong to one scene; the run that merges them verifies every
-   !> one.
-   subroutine find_stored(plan, output, error)
-      type(plan_type), intent(in) :: plan
-      type(output_type), intent(inout) :: output
-      type(error_type), allocatable, intent(out) :: error
-      type(shard_type), allocatable :: shards(:)
-      integer :: c
-
-      call take_lock(output%path, output%lock, error, is_shared=.true.)
-      if (allocated(error)) return
-      call inspect_results(output%path, output%store%identity, output%n_stored, error)
-      if (.not. allocated(error)) call list_shards(output%store, shards, error)
-      if (.not. allocated(error) .and. size(shards) > 0) &
-         call verify_shard(output%store, shards(1), error)
-      if (allocated(error)) return
-      if (allocated(output%n_stored)) then
-         output%is_complete = all(output%n_stored(:size(plan%cases)) >= plan%cases%n_samples)
-         do c = 1, size(plan%cases)
-            output%is_finished(:min(output%n_stored(c), plan%cases(c)%n_samples), c) = .true.
-         end do
-         if (.not. output%is_complete) &
-            call refuse_extension(plan, output%n_stored, output%path, error)
-         if (allocated(error)) return
-      end if
-      call mark_finished(plan, shards, output)
-      call say_continuing(plan, output)
-   end subroutine find_stored
+   end subroutine take_place
 
    !> Marks the samples that have a shard.
    subroutine mark_finished(plan, shards, output)
@@ -205,32 +181,22 @@ contains
       end do
    end subroutine mark_finished
 
-   subroutine say_continuing(plan, output)
-      type(plan_type), intent(in) :: plan
-      type(output_type), intent(in) :: output
-
-      if (any(output%is_finished) .and. .not. output%is_complete) &
-         call output%say('continuing: '//to_text(count(output%is_finished))//' of '// &
-                         to_text(sum(plan%cases%n_samples))//' samples are there')
-   end subroutine say_continuing
-
    !> Takes up an earlier results file: it is complete, or has fewer samples than are wanted now
-   !> and its samples go on as shards.
+   !> and, of a run alone, its samples go on as shards.
    subroutine take_up_results(plan, output, error)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
 
-      call inspect_results(output%path, output%store%identity, output%n_stored, error)
-      if (allocated(error) .or. .not. allocated(output%n_stored)) return
       output%is_complete = all(output%n_stored(:size(plan%cases)) >= plan%cases%n_samples)
-      if (output%is_complete .and. plan%has_structure) call find_unmet(plan, output, error)
-      if (allocated(error)) return
+      if (output%is_complete .and. plan%has_structure .and. .not. output%is_shared) &
+         call find_unmet(plan, output, error)
+      if (.not. (allocated(error) .or. output%is_complete)) &
+         call refuse_extension(plan, output%n_stored, output%path, error)
+      if (allocated(error) .or. output%is_shared) return
       if (output%is_complete) then
          call remove_covered(output%store, output%lock, output%n_stored, error)
       else
-         call refuse_extension(plan, output%n_stored, output%path, error)
-         if (allocated(error)) return
          call extract_shards(output%path, output%n_stored, block_width(plan), output%store, error)
       end if
    end subroutine take_up_results
@@ -288,32 +254,61 @@ contains
       if (are_same) are_same = all(abs(a - b) <= 0.0_wp)
    end function are_same
 
-   !> Tells all ranks what the root found; collective.
-   subroutine share_finished(output)
-      type(output_type), intent(inout) :: output
-      integer, allocatable :: numbers(:)
-
-      numbers = merge(1, 0, reshape(output%is_finished, [size(output%is_finished)]))
-      call output%world%broadcast(numbers)
-      output%is_finished = reshape(numbers == 1, shape(output%is_finished))
-   end subroutine share_finished
-
    !> Looks again which samples are stored, after the plan has grown or other runs were at work.
    !> Collective.
    subroutine look_again(self, plan, error)
       class(output_type), intent(inout) :: self
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
-      type(shard_type), allocatable :: shards(:)
+      type(stored_samples) :: stored
       logical, allocatable :: before(:, :)
 
       call move_alloc(self%is_finished, before)
       allocate (self%is_finished(maxval(plan%cases%n_samples), size(plan%cases)), source=.false.)
       self%is_finished(:size(before, 1), :) = before
-      if (self%world%is_root()) call list_shards(self%store, shards, error)
-      if (allocated(shards)) call mark_finished(plan, shards, self)
-      call share_finished(self)
+      call self%list_stored(stored, error)
+      call mark_finished(plan, stored%shards, self)
    end subroutine look_again
+
+   !> Finds the shards of the store, for all ranks as the root lists them: other machines may not see
+   !> new files at once. An error is the root's. Collective.
+   subroutine list_stored(self, stored, error)
+      class(output_type), intent(in) :: self
+      type(stored_samples), intent(out) :: stored
+      type(error_type), allocatable, intent(out) :: error
+      type(shard_type), allocatable :: shards(:)
+      real(wp), allocatable :: numbers(:, :)   ! (shard; case, first sample, samples)
+      integer :: i
+
+      if (self%world%is_root()) call list_shards(self%store, shards, error)
+      if (.not. allocated(shards)) allocate (shards(0))
+      numbers = reshape(real([shards%case_number, shards%first_sample, shards%n_samples], wp), &
+                        [size(shards), 3])
+      call self%world%broadcast(numbers)
+      deallocate (shards)
+      allocate (shards(size(numbers, 1)))
+      do i = 1, size(shards)
+         shards(i) = named_shard(self%store, nint(numbers(i, 1)), nint(numbers(i, 2)), &
+                                 nint(numbers(i, 3)))
+      end do
+      call order_shards(self%store, shards, stored)
+   end subroutine list_stored
+
+   !> Reads this rank's share of all shards whole, or, beside other runs, one of all, as they belong
+   !> to one scene: the run that merges them reads every one. The first damaged one is an error of
+   !> this rank.
+   subroutine verify(self, stored, error)
+      class(output_type), intent(in) :: self
+      type(stored_samples), intent(in) :: stored   !! the same on all ranks
+      type(error_type), allocatable, intent(out) :: error
+      integer :: i
+
+      do i = 1 + self%world%rank, min(size(stored%shards), merge(1, huge(1), self%is_shared)), &
+         self%world%n_ranks
+         call verify_shard(stored%store, stored%shards(i), error)
+         if (allocated(error)) return
+      end do
+   end subroutine verify
 
    !> True if a block is this rank's to march; beside other runs, if none of them has it.
    function take(self, block) result(is_ours)

@@ -14,7 +14,6 @@ module driver_results
    use driver_output, only: output_type
    use driver_provenance, only: begin_results
    use driver_regression, only: find_estimates
-   use driver_shards, only: list_stored, verify_shards
    use driver_statistics, only: case_task, open_case, write_short
    use io_audit_results, only: write_audit
    use io_case_statistics, only: write_estimates
@@ -105,10 +104,10 @@ contains
 
       if (output%world%is_root()) call write_structure(file, plan, error)
       if (output%world%any_true(allocated(error))) return
-      call list_stored(output%world, output%store, stored, error)
+      call output%list_stored(stored, error)
       if (output%world%any_true(allocated(error))) return
       if (plan%output%spectrum .and. .not. plan%output%samples) then   ! else finish_case reads them
-         call verify_shards(output%world, stored, error)
+         call output%verify(stored, error)
          if (output%world%any_true(allocated(error))) return
       end if
       numbers = pack([(i, i=1, size(plan%cases))], &
