@@ -270,8 +270,8 @@ contains
       call mark_finished(plan, stored%shards, self)
    end subroutine look_again
 
-   !> Finds the shards of the store, for all ranks as the root lists them: other machines may not see
-   !> new files at once. An error is the root's. Collective.
+   !> Finds the shards of the store, for all ranks as the root lists them: other machines may not
+   !> see new files at once. An error is the root's. Collective.
    subroutine list_stored(self, stored, error)
       class(output_type), intent(in) :: self
       type(stored_samples), intent(out) :: stored

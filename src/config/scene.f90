@@ -3,8 +3,7 @@ module config_scene
    use config_groups, only: group_names, scene_type
    use config_rules, only: check_rules
    use config_text_document, only: document_type
-   use config_text_namelist, only: parse_groups
-   use config_text_overrides, only: override_text, parse_overrides
+   use config_text_namelist, only: override_text, parse_groups, parse_overrides
    use config_text_reader, only: reader_type
    use config_text_tokens, only: tokenize
    use core_complaints, only: complaint_list

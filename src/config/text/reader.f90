@@ -1,13 +1,14 @@
 !> Fills a group from what the scene file and the --set options give, and complains of what they
-!> should not.
+!> should not. Nothing is guessed: what is not exactly a value of the wanted type is refused, with
+!> the rule that it breaks.
 module config_text_reader
-   use config_text_conversion, only: convert
    use config_text_document, only: document_type
    use config_text_slots, only: find_slots
    use config_text_tokens, only: token_word
    use config_text_value_table, only: entry_type, name_length, word_type
+   use core_kinds, only: long, wp
    use core_phrases, only: suggestion
-   use core_text, only: to_text
+   use core_text, only: lowered, nearest_name, parse_integer, parse_real, to_text
    implicit none(type, external)
    private
    public :: reader_type
@@ -16,9 +17,7 @@ module config_text_reader
    type, extends(document_type) :: reader_type
       character(2*name_length), allocatable :: unused(:)   !! group%name: given, of no effect
       integer, private :: block = 0      !! the group being read; 0: absent, all is default
-      integer, private :: current = 0    !! assignment being read, the last of its name; 0: none
       integer, private :: last_slot = 0  !! the token that was refused last
-      logical, private :: is_list = .false.   !! several values are usual in what is being read
       character(name_length), allocatable, private :: known(:)   !! the group's names so far
       character(name_length), allocatable, private :: missing(:) !! of them, must be and are not
    contains
@@ -28,8 +27,6 @@ module config_text_reader
       procedure :: longest_list
       procedure :: require
       procedure :: visit_words
-      procedure, private :: gather
-      procedure, private :: refuse_slot
       procedure, private :: refuse_group
    end type reader_type
 
@@ -133,14 +130,21 @@ contains
       class(reader_type), intent(inout) :: self
       type(word_type), allocatable, intent(inout) :: words(:)
       type(entry_type), intent(in) :: entry
-      character(:), allocatable :: rule, word
+      character(:), allocatable :: hint, name, rule, word
+      character(2*name_length) :: full_name
       type(word_type) :: none
       type(word_type), allocatable :: found(:)
       integer, allocatable :: slots(:)
-      integer :: i, j
+      integer :: given, i, j   ! assignment, the last of its name
 
+      self%known = [self%known, entry%name]
+      call find_slots(self, self%block, entry, size(words), slots, given)
+      if (self%block > 0) then
+         full_name = trim(self%blocks(self%block)%name)//'%'//entry%name
+         if (given == 0 .and. entry%is_required) self%missing = [self%missing, entry%name]
+         if (given > 0 .and. .not. entry%is_used) self%unused = [self%unused, full_name]
+      end if
       none%text = trim(merge(' ', '0', any(entry%kind == [character(7) :: 'logical', 'text'])))
-      call self%gather(entry, size(words), slots)
       allocate (found(size(slots)), source=none)
       do i = 1, size(slots)
          if (size(words) > 0) found(i) = words(min(i, size(words)))
@@ -148,50 +152,99 @@ contains
          call convert(self, slots(i), entry, word, rule)
          if (entry%n_choices > 0 .and. any([(found(j)%text == word, j=1, i - 1)])) &
             rule = 'is named twice'
-         call self%refuse_slot(slots(i), element_name(entry, i, slots), rule)
-         if (.not. allocated(rule)) found(i)%text = word
+         if (.not. allocated(rule)) then
+            found(i)%text = word
+            cycle
+         end if
+         self%assignments(given)%is_refused = .true.
+         if (slots(i) == self%last_slot) cycle   ! r*value, or several groups: once will do
+         self%last_slot = slots(i)
+         name = trim(entry%name)
+         if (size(slots) > 1) name = name//'('//to_text(i)//')'
+         hint = ''
+         if (entry%length <= 1 .and. (size(words) <= 1 .or. entry%per_dof >= 0)) &
+            hint = self%comma_hint(slots(i))   ! several values are not usual
+         associate (token => self%tokens(slots(i)))
+            call self%refuse(self%block, token, name, self%text_of(token), rule//hint)
+         end associate
       end do
       call move_alloc(found, words)
-      if (entry%is_list .or. self%current == 0) return
-      if (self%assignments(self%current)%is_refused) words = [none]
+      if (entry%is_list .or. given == 0) return
+      if (self%assignments(given)%is_refused) words = [none]
    end subroutine visit_words
 
-   !> Finds the token of each value of a list; 0: its default. Empty where the list is refused,
-   !> missing, or empty by default.
-   subroutine gather(self, entry, default_size, slots)
-      class(reader_type), intent(inout) :: self
-      type(entry_type), intent(in) :: entry
-      integer, intent(in) :: default_size
-      integer, allocatable, intent(out) :: slots(:)
-      character(2*name_length) :: full_name
-
-      self%known = [self%known, entry%name]
-      self%is_list = entry%length > 1 .or. (default_size > 1 .and. entry%per_dof < 0)
-      call find_slots(self, self%block, entry, default_size, slots, self%current)
-      if (self%block == 0) return
-      full_name = trim(self%blocks(self%block)%name)//'%'//entry%name
-      if (self%current == 0 .and. entry%is_required) self%missing = [self%missing, entry%name]
-      if (self%current > 0 .and. .not. entry%is_used) self%unused = [self%unused, full_name]
-   end subroutine gather
-
-   !> Complains of one value, if it breaks a rule.
-   subroutine refuse_slot(self, slot, name, rule)
-      class(reader_type), intent(inout) :: self
+   !> Converts a token to a word that its entry admits; else `rule` says why not.
+   pure subroutine convert(self, slot, entry, word, rule)
+      class(reader_type), intent(in) :: self
       integer, intent(in) :: slot   !! into self%tokens
-      character(*), intent(in) :: name
-      character(*), intent(in), optional :: rule
-      character(:), allocatable :: hint
+      type(entry_type), intent(in) :: entry
+      character(:), allocatable, intent(out) :: word, rule
+      integer(long) :: whole
+      real(wp) :: number
 
-      if (.not. present(rule)) return
-      self%assignments(self%current)%is_refused = .true.
-      if (slot == self%last_slot) return   ! r*value: once will do
-      self%last_slot = slot
-      hint = ''
-      if (.not. self%is_list) hint = self%comma_hint(slot)
-      associate (token => self%tokens(slot))
-         call self%refuse(self%block, token, name, self%text_of(token), rule//hint)
-      end associate
-   end subroutine refuse_slot
+      number = 0.0_wp
+      word = self%text_of(self%tokens(slot))
+      select case (entry%kind)
+      case ('integer')
+         call parse_integer(word, entry%largest, whole, rule)
+         number = real(whole, wp)
+         word = to_text(whole)
+      case ('real')
+         call parse_real(word, number, rule)
+         word = to_text(number)
+      case ('logical')
+         if (all(lowered(word) /= [character(7) :: 't', 'true', '.t.', '.true.', &
+                                   'f', 'false', '.f.', '.false.'])) &
+            rule = 'must be .true. or .false.'
+         word = to_text(index(lowered(word), 't') > 0)
+      case default
+         ! the shell takes the quotes of the command line away
+         if (self%tokens(slot)%source == 1 .or. self%tokens(slot)%kind /= token_word) &
+            call take_quotes(word, rule)
+         if (entry%n_choices > 0 .and. .not. allocated(rule)) call choose(entry, word, rule)
+      end select
+      if (.not. (allocated(rule) .or. entry%rule%admits(number))) &
+         rule = 'must be '//entry%rule%text()
+   end subroutine convert
+
+   !> Takes the quotes from a text; a doubled quote stands for one.
+   pure subroutine take_quotes(word, rule)
+      character(:), allocatable, intent(inout) :: word
+      character(:), allocatable, intent(out) :: rule
+      character(:), allocatable :: text
+      integer :: i
+
+      call move_alloc(word, text)
+      word = ''
+      if (len(text) < 2 .or. scan(text, '''"') /= 1) then
+         rule = 'must be text in quotes'
+         return
+      end if
+      i = 2
+      do while (i < len(text))
+         if (iachar(text(i:i)) < iachar(' ')) rule = 'must not hold control characters'
+         word = word//text(i:i)
+         i = i + merge(2, 1, text(i:i) == text(1:1))
+      end do
+   end subroutine take_quotes
+
+   !> Replaces a word by the choice that it is, in any case.
+   pure subroutine choose(entry, word, rule)
+      type(entry_type), intent(in) :: entry
+      character(:), allocatable, intent(inout) :: word
+      character(:), allocatable, intent(out) :: rule
+      character(:), allocatable :: nearest
+      integer :: i
+
+      do i = 1, entry%n_choices
+         if (lowered(word) /= lowered(trim(entry%choices(i)))) cycle
+         word = trim(entry%choices(i))
+         return
+      end do
+      rule = 'must be '//entry%choices_text()
+      nearest = nearest_name(lowered(word), entry%choices(:entry%n_choices))
+      if (nearest /= '') rule = rule//", did you mean '"//trim(nearest)//"'?"
+   end subroutine choose
 
    !> Complains of a name that a group does not give, unless it gives an unknown one, which may be
    !> meant.
@@ -203,16 +256,5 @@ contains
       if (.not. self%blocks(block)%has_unknown) &
          call self%refuse(block, self%blocks(block)%place, name, value, rule)
    end subroutine refuse_group
-
-   !> name(i) in a list of several values.
-   pure function element_name(entry, i, slots) result(text)
-      type(entry_type), intent(in) :: entry
-      integer, intent(in) :: i
-      integer, intent(in) :: slots(:)
-      character(:), allocatable :: text
-
-      text = trim(entry%name)
-      if (size(slots) > 1) text = text//'('//to_text(i)//')'
-   end function element_name
 
 end module config_text_reader
