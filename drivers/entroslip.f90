@@ -7,10 +7,10 @@ program entroslip
    use driver_check, only: check
    use driver_command_line, only: command_help, command_line, help_text, read_command_line
    use driver_estimate, only: estimate
+   use driver_provenance, only: version_text
    use driver_replay, only: replay
    use driver_run, only: run
    use driver_tradeoff, only: tradeoff
-   use driver_version, only: version_text
    use parallel_world, only: start_world, was_launched, world_type
    implicit none(type, external)
    type(command_line) :: line

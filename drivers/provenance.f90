@@ -5,13 +5,17 @@ module driver_provenance
    use config_fingerprint, only: canonical_text, fingerprint
    use config_scene, only: scene_type
    use core_error, only: error_type
-   use driver_build_info, only: architecture, compiler_flags, git_commit, version
-   use io_hdf5, only: hdf5_file, hdf5_object, object_of
+   use driver_build_info, only: architecture, build_type, compiler_flags, git_commit, version
+   use io_hdf5, only: hdf5_file, hdf5_library, hdf5_object, object_of
    use io_identity, only: identity_type
    use io_store, only: begin_file, discard_file, shard_store
+   use numerics_fftw, only: fftw_library
+   use numerics_lapack, only: lapack_version
+   use numerics_nlopt, only: nlopt_library
+   use parallel_world, only: mpi_library
    implicit none(type, external)
    private
-   public :: begin_results, identity_of
+   public :: begin_results, identity_of, version_text
 
 contains
 
@@ -67,5 +71,21 @@ contains
       text = date(1:4)//'-'//date(5:6)//'-'//date(7:8)//'T'//time(1:2)//':'//time(3:4)//':'// &
              time(5:6)//zone(1:3)//':'//zone(4:5)
    end function now
+
+   !> Text on the program, how it was compiled, and the libraries that it runs with, in their words.
+   function version_text() result(text)
+      character(:), allocatable :: text
+      character, parameter :: nl = new_line('a')
+
+      text = 'entroslip '//version//' ('//git_commit//', '//build_type//')'//nl// &
+             'compiler      '//compiler_version()//nl// &
+             'flags         '//compiler_flags//nl// &
+             'instructions  '//architecture//nl// &
+             'MPI           '//mpi_library()//nl// &
+             'HDF5          '//hdf5_library()//nl// &
+             'FFTW          '//fftw_library()//nl// &
+             'LAPACK        '//lapack_version()//nl// &
+             'NLopt         '//nlopt_library()
+   end function version_text
 
 end module driver_provenance

@@ -12,9 +12,8 @@ module driver_tradeoff
    use driver_output, only: open_anew, output_type
    use driver_processes, only: solve_processes
    use driver_provenance, only: begin_results
-   use driver_tradeoff_models, only: fits_text, orders_text, variants_text
-   use driver_tradeoff_text, only: components_text, settings_text, sizes_text, spectra_text, &
-      wanted_text
+   use driver_tradeoff_text, only: components_text, fits_text, orders_text, settings_text, &
+      sizes_text, spectra_text, variants_text, wanted_text
    use driver_trial_runs, only: measure_settings
    use io_hdf5, only: hdf5_file
    use io_results, only: finish_results
