@@ -4,7 +4,7 @@ module dynamics_exact_base_system
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use dynamics_exact_joint_paths, only: joint_paths, layer_side
+   use dynamics_exact_joint_paths, only: joint_paths, layer_side, width
    use dynamics_exact_transitions, only: transition_group
    use dynamics_joint, only: enter_transition, slip_direction
    use dynamics_response, only: block_state
@@ -19,76 +19,52 @@ module dynamics_exact_base_system
       integer :: n_forces = 1
       integer :: max_transitions = 1000   !! of one sample in one part; more are an error
       logical :: keeps_ledger = .false.
+      real(wp) :: works(width, 2) = 0.0_wp   !! (lane, input viscous) so far [J]
       integer :: n_kept = 0        !! numbers of a sample that `give` keeps in the block
       logical :: is_kept = .false. !! `take` finds them there
       type(joint_paths) :: paths
    contains
-      procedure(begin), deferred :: begin
-      procedure(take), deferred :: take
-      procedure(give), deferred :: give
-      procedure(run_part), deferred :: run_part
-      procedure(correct), deferred :: correct
+      !> Gets memory for a march, paths among it; paths%free() and the next begin give it back.
+      procedure(act), deferred :: begin
+      !> Takes samples paths%first_sample, ... from the block: displacements and velocities, or what
+      !> has been kept of them.
+      procedure(exchange), deferred :: take
+      !> Gives displacements and velocities back, and keeps what `take` restores bit for bit.
+      procedure(exchange), deferred :: give
+      !> Fills the paths of all joints, their ends, and the ends of all else, under the forces in
+      !> paths; lists the suspects (dynamics_exact_free_steps: finish_part).
+      procedure(act), deferred :: run_part
+      procedure :: correct
       procedure(redo), deferred :: redo
-      procedure(go_on), deferred :: go_on
+      !> Adds the works of the force and of the dampers over the part. Called before go_on where a
+      !> ledger is kept.
+      procedure(act), deferred :: add_works
+      !> Makes the ends the starts of the next part.
+      procedure(act), deferred :: go_on
       procedure(put_state), deferred :: put_state
-      procedure(add_works), deferred :: add_works
    end type base_system
 
    abstract interface
-      !> Gets memory for a march, paths among it; paths%free() and the next begin give it back.
-      subroutine begin(self)
+      subroutine act(self)
          import :: base_system
          class(base_system), intent(inout) :: self
-      end subroutine begin
+      end subroutine act
 
-      !> Takes samples paths%first_sample, ... from the block: displacements and velocities, or what
-      !> has been kept of them.
-      subroutine take(self, state)
+      subroutine exchange(self, state)
          import :: base_system, block_state
          class(base_system), intent(inout) :: self
-         type(block_state), intent(in) :: state
-      end subroutine take
-
-      !> Gives displacements and velocities back, and keeps what `take` restores bit for bit.
-      subroutine give(self, state)
-         import :: base_system, block_state
-         class(base_system), intent(in) :: self
          type(block_state), intent(inout) :: state
-      end subroutine give
+      end subroutine exchange
 
-      !> Fills the paths of all joints, their ends, and the ends of all else, under the forces in
-      !> paths; makes the list of suspects (dynamics_exact_free_steps: finish_part).
-      subroutine run_part(self, list, found)
-         import :: base_system
-         class(base_system), intent(inout) :: self
-         integer, intent(inout) :: list(:)
-         integer, intent(out) :: found
-      end subroutine run_part
-
-      !> Adds the effect of transition `entry` of the group to the ends of its sample.
-      subroutine correct(self, group, entry)
-         import :: base_system, transition_group
-         class(base_system), intent(inout) :: self
-         type(transition_group), intent(in) :: group
-         integer, intent(in) :: entry
-      end subroutine correct
-
-      !> Marches samples through the part again, one transition after another, from the start and
-      !> the regimes in paths. Enters all transitions into regimes and account.
-      subroutine redo(self, is_involved, begin, state, error)
+      !> Marches the samples paths%is_involved through the part again, one transition after another,
+      !> from the start and the regimes in paths. Enters all transitions into regimes and account.
+      subroutine redo(self, begin, state, error)
          import :: base_system, block_state, error_type, wp
          class(base_system), intent(inout) :: self
-         logical, intent(in) :: is_involved(:)   !! (lane)
          real(wp), intent(in) :: begin           !! of the part [parts]
          type(block_state), intent(inout) :: state
          type(error_type), allocatable, intent(out) :: error
       end subroutine redo
-
-      !> Makes the ends the starts of the next part.
-      subroutine go_on(self)
-         import :: base_system
-         class(base_system), intent(inout) :: self
-      end subroutine go_on
 
       !> Puts the state of all lanes now.
       subroutine put_state(self, displacement, velocity)
@@ -97,17 +73,19 @@ module dynamics_exact_base_system
          real(wp), intent(out) :: displacement(:, :)   !! (lane, dof) [m]
          real(wp), intent(out) :: velocity(:, :)       !! (lane, dof) [m/s]; or size 0
       end subroutine put_state
-
-      !> Adds the works of the force and of the dampers over the part, of all lanes. Called before
-      !> go_on where a ledger is kept.
-      subroutine add_works(self, work)
-         import :: base_system, wp
-         class(base_system), intent(inout) :: self
-         real(wp), intent(inout) :: work(:, :)   !! (lane, input viscous) [J]
-      end subroutine add_works
    end interface
 
 contains
+
+   !> Adds the effect of transition `entry` of the group to the ends of its sample; for forms that
+   !> answer joints locally.
+   subroutine correct(self, group, entry)
+      class(base_system), intent(inout) :: self
+      type(transition_group), intent(in) :: group
+      integer, intent(in) :: entry
+
+      if (self%paths%is_local(group%joint(entry))) error stop 'dynamics_exact_base_system: correct'
+   end subroutine correct
 
    !> Switches a joint in the regimes of its lane and in the account of its sample.
    subroutine switch_joint(base, lane, joint, time, place, velocity, state)

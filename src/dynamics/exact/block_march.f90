@@ -4,7 +4,7 @@ module dynamics_exact_block_march
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use dynamics_exact_base_system, only: base_system, raise_too_many, switch_joint
-   use dynamics_exact_joint_paths, only: width
+   use dynamics_exact_joint_paths, only: joint_paths, width
    use dynamics_exact_transitions, only: clear, examine, find_next, group_size, plain, &
                                          take_answer, take_suspects, transition_group
    use dynamics_joint, only: dissipate
@@ -15,25 +15,13 @@ module dynamics_exact_block_march
    public :: march_block
 
    integer, parameter :: records_together = 32
-   integer, parameter :: most_seen = 8   !! of the joints that switch in one part of one sample
 
-   !> Joints of a sample that switch in one part, and when, see (9).
-   type :: switching
-      integer :: n = 0
-      integer :: joint(most_seen)
-      real(wp) :: earliest(most_seen), latest(most_seen)   !! [parts]
-   end type switching
-
-   !> Suspects of a part, its groups of transitions, and records that are not yet handed on.
+   !> Groups of transitions of a part, and records that are not yet handed on.
    type :: march_room
-      integer, allocatable :: list(:)
-      logical :: is_involved(width) = .false.              !! marched again, by `redo`
-      type(switching) :: seen(width)       !! (lane) joints that switch in the part
       type(transition_group), allocatable :: groups(:)
       type(transition_group) :: one        !! a joint that is followed
       logical :: is_independent = .true.   !! no sample is ever marched again
-      !> Joints without friction: their way counts from part to part
-      integer, allocatable :: sliding(:, :)                !! (lane joint, entry)
+      logical :: has_frictionless = .false.
       integer :: n_kept = 0, n_records = 0                 !! kept here; handed on
       real(wp), allocatable :: displacement(:, :, :), velocity(:, :, :)   !! (lane, dof, record)
    end type march_room
@@ -53,23 +41,26 @@ contains
       real(wp), intent(inout), optional :: velocity(:, :, :)
       type(error_type), allocatable, intent(out) :: error
       type(march_room) :: room
-      integer :: first, part, step
+      integer :: first, last, part, step
 
       base%keeps_ledger = state%keeps_ledger
       call base%begin()
       call find_kept(base, state)
-      room%is_independent = all(base%paths%is_local) .and. size(base%paths%moved) == 0
-      allocate (room%list(width*max(1, state%n_joints)), room%groups(1))
+      room%is_independent = all(base%paths%is_local) .and. all(base%paths%free_span >= 1.0_wp)
+      room%has_frictionless = any(.not. state%slip_limit > 0.0_wp)
+      allocate (room%groups(1))
       allocate (room%displacement(width, state%n_dof, merge(records_together, 0, &
                                                             size(displacement) > 0)))
       allocate (room%velocity(width, merge(state%n_dof, 0, present(velocity)), &
                               size(room%displacement, 3)))
       samples: do first = 1, state%n_samples, width
          base%paths%first_sample = first
-         base%paths%n_samples = min(width, state%n_samples - first + 1)
+         last = min(first + width - 1, state%n_samples)
+         base%paths%n_samples = last - first + 1
          call base%take(state)
          call base%paths%take_in(structure%joint_stiffness, state)
-         call list_sliding(base, state, room)
+         base%works(:last - first + 1, 1) = state%work_input(first:last)
+         base%works(:last - first + 1, 2) = state%work_viscous(first:last)
          room%n_records = 0
          do step = 0, ubound(force, 1) - 1
             do part = 0, parts - 1
@@ -83,6 +74,8 @@ contains
             end if
          end do
          call hand_on(base, displacement, velocity, room)
+         state%work_input(first:last) = base%works(:last - first + 1, 1)
+         state%work_viscous(first:last) = base%works(:last - first + 1, 2)
          call base%give(state)
          call base%paths%hand_back(structure%direction, state)
       end do samples
@@ -111,151 +104,116 @@ contains
       type(block_state), intent(inout) :: state
       type(march_room), intent(inout) :: room
       type(error_type), allocatable, intent(out) :: error
-      integer :: found, s
 
-      call base%run_part(room%list, found)
-      if (.not. room%is_independent) room%is_involved = .false.
-      if (found > 0) call make_transitions(base, found, begin, state, room, error)
+      call base%run_part()
+      if (.not. room%is_independent) base%paths%is_involved = .false.
+      if (base%paths%n_suspects > 0) call make_transitions(base, begin, state, room, error)
       if (allocated(error)) return
-      if (state%keeps_ledger) call keep_ledger(base, state)
+      if (state%keeps_ledger) call base%add_works()
       call base%go_on()
-      do s = 1, size(room%sliding, 2)
-         associate (l => room%sliding(1, s), j => room%sliding(2, s), &
-                    w => base%paths%first_sample + room%sliding(1, s) - 1)
-            associate (place => base%paths%x(l, base%paths%row(j), base%paths%layer(0)))
-               state%slip_distance(j, w) = state%slip_distance(j, w) + &
-                                           abs(place - state%slip_from(j, w))
-               state%slip_from(j, w) = place
-            end associate
-         end associate
-      end do
+      if (room%has_frictionless) call count_frictionless(base%paths, state)
    end subroutine march_part
 
    !> Makes the transitions of the suspects in their order. Where joints may be involved all are
    !> judged first; samples with involved joints that are not local are marched again, of the others
    !> each joint by itself. What is done to a sample depends on that sample alone.
-   subroutine make_transitions(base, found, begin, state, room, error)
+   subroutine make_transitions(base, begin, state, room, error)
       class(base_system), intent(inout) :: base
-      integer, intent(in) :: found
       real(wp), intent(in) :: begin   !! [parts]
       type(block_state), intent(inout) :: state
       type(march_room), intent(inout) :: room
       type(error_type), allocatable, intent(out) :: error
-      type(transition_group), allocatable :: more(:)
-      integer :: g, n_groups
+      integer :: first, g, n_groups
 
-      n_groups = (found + group_size - 1)/group_size
-      if (room%is_independent) then
-         do g = 1, n_groups
-            call examine_group(g, room%groups(1))
-            call enter_group(base, room%groups(1), begin, state, room, error)
-            if (allocated(error)) return
-         end do
-         return
-      end if
+      n_groups = (base%paths%n_suspects + group_size - 1)/group_size
       if (n_groups > size(room%groups)) then
-         allocate (more(2*n_groups))
-         call move_alloc(more, room%groups)
+         deallocate (room%groups)
+         allocate (room%groups(2*n_groups))
       end if
-      room%seen%n = 0
       do g = 1, n_groups
-         call examine_group(g, room%groups(g))
-         call find_involved(base, room%groups(g), room)
+         first = group_size*(g - 1) + 1
+         call examine(base%paths, first, min(base%paths%n_suspects, first + group_size - 1), &
+                      room%groups(g))
       end do
+      if (.not. room%is_independent) call find_involved(base%paths, room%groups(:n_groups))
       do g = 1, n_groups
-         call enter_group(base, room%groups(g), begin, state, room, error)
+         call enter_group(base, room%groups(g), begin, state, room%one, error)
          if (allocated(error)) return
       end do
-      if (any(room%is_involved)) call base%redo(room%is_involved, begin, state, error)
-
-   contains
-
-      subroutine examine_group(number, group)
-         integer, intent(in) :: number
-         type(transition_group), intent(inout) :: group
-
-         associate (first => group_size*(number - 1) + 1)
-            call examine(base%paths, room%list(first:min(found, first + group_size - 1)), group)
-         end associate
-      end subroutine examine_group
-
+      if (room%is_independent) return
+      if (any(base%paths%is_involved)) call base%redo(begin, state, error)
    end subroutine make_transitions
 
-   !> Notes the samples of a group that must be marched again, and how far clear joints are from a
+   !> Marks the samples that must be marched again, for a joint that is not local, or that moves
+   !> another that switches later in the part too much (9). Notes how far clear joints are from a
    !> transition.
-   pure subroutine find_involved(base, group, room)
-      class(base_system), intent(inout) :: base
-      type(transition_group), intent(in) :: group
-      type(march_room), intent(inout) :: room
-      integer :: e, l
+   pure subroutine find_involved(paths, groups)
+      type(joint_paths), intent(inout) :: paths
+      type(transition_group), intent(in) :: groups(:)
+      integer :: e, g, i, k
 
-      do e = 1, group%n
-         l = group%lane(e)
-         if (group%verdict(e) == clear) then
-            if (base%paths%keeps_slack) base%paths%slack(l, group%joint(e)) = group%is_clear(e)
-            cycle
-         end if
-         if (.not. base%paths%is_local(group%joint(e))) then
-            room%is_involved(l) = .true.
-         else if (size(base%paths%moved) > 0) then
-            call note_joint(base, group, e, room%seen(l), room%is_involved(l))
-         end if
+      do g = 1, size(groups)
+         associate (group => groups(g))
+            do e = 1, group%n
+               associate (l => group%lane(e), j => group%joint(e))
+                  if (group%verdict(e) == clear) then
+                     if (paths%keeps_slack) paths%slack(l, j) = group%is_clear(e)
+                     cycle
+                  end if
+                  if (.not. paths%is_local(j)) paths%is_involved(l) = .true.
+                  do k = 1, g
+                     if (paths%is_involved(l)) exit
+                     do i = 1, merge(groups(k)%n, e - 1, k < g)
+                        if (groups(k)%lane(i) /= l .or. groups(k)%verdict(i) == clear) cycle
+                        paths%is_involved(l) = paths%is_involved(l) .or. &
+                                               moves(paths, groups(k), i, group, e) .or. &
+                                               moves(paths, group, e, groups(k), i)
+                     end do
+                  end do
+               end associate
+            end do
+         end associate
       end do
    end subroutine find_involved
 
+   !> True if entry e of a group may move another, that switches later, too much (9). A joint that
+   !> is followed may switch at any time.
+   pure logical function moves(paths, group, e, others, i)
+      type(joint_paths), intent(in) :: paths
+      type(transition_group), intent(in) :: group, others
+      integer, intent(in) :: e, i
+      real(wp) :: earliest, latest
+
+      earliest = merge(group%time(e), 0.0_wp, group%verdict(e) == plain)
+      latest = merge(others%time(i), 1.0_wp, others%verdict(i) == plain)
+      moves = latest - earliest > paths%free_span(others%joint(i), group%joint(e))
+   end function moves
+
    !> Enters the transitions of a group, of samples that are not marched again, in their order.
-   subroutine enter_group(base, group, begin, state, room, error)
+   subroutine enter_group(base, group, begin, state, one, error)
       class(base_system), intent(inout) :: base
       type(transition_group), intent(in) :: group
       real(wp), intent(in) :: begin   !! [parts]
       type(block_state), intent(inout) :: state
-      type(march_room), intent(inout) :: room
+      type(transition_group), intent(inout) :: one   !! room
       type(error_type), allocatable, intent(out) :: error
       integer :: chosen(group_size), e, i, n
 
       n = 0
       do e = 1, group%n   ! without branches
          chosen(n + 1) = e
-         n = n + merge(0, 1, group%verdict(e) == clear .or. room%is_involved(group%lane(e)))
+         n = n + merge(0, 1, group%verdict(e) == clear .or. base%paths%is_involved(group%lane(e)))
       end do
       do i = 1, n
          e = chosen(i)
          if (group%verdict(e) == plain) then
             call make_transition(base, group, e, begin, state)
          else
-            call follow_joint(base, group%suspect(e), begin, state, room%one, error)
+            call follow_joint(base, group%suspect(e), begin, state, one, error)
             if (allocated(error)) return
          end if
       end do
    end subroutine enter_group
-
-   !> Notes a joint, and if it moves one that switches later in the part of its sample too much, or
-   !> is moved so (9). A joint that is followed may switch at any time.
-   pure subroutine note_joint(base, group, entry, seen, is_involved)
-      class(base_system), intent(in) :: base
-      type(transition_group), intent(in) :: group
-      integer, intent(in) :: entry
-      type(switching), intent(inout) :: seen
-      logical, intent(inout) :: is_involved
-      real(wp) :: earliest, latest
-      integer :: s
-
-      is_involved = is_involved .or. seen%n == most_seen
-      if (is_involved) return
-      earliest = merge(group%time(entry), 0.0_wp, group%verdict(entry) == plain)
-      latest = merge(group%time(entry), 1.0_wp, group%verdict(entry) == plain)
-      associate (joint => group%joint(entry), paths => base%paths)
-         do s = 1, seen%n
-            is_involved = is_involved .or. &
-                          paths%moves(joint, seen%joint(s), seen%latest(s) - earliest) .or. &
-                          paths%moves(seen%joint(s), joint, latest - seen%earliest(s))
-         end do
-         seen%n = seen%n + 1
-         seen%joint(seen%n) = joint
-      end associate
-      seen%earliest(seen%n) = earliest
-      seen%latest(seen%n) = latest
-   end subroutine note_joint
 
    !> Enters one transition into the ends of the part, the regimes and the account.
    subroutine make_transition(base, group, entry, begin, state)
@@ -291,20 +249,6 @@ contains
       call raise_too_many(base, one%joint(1), one%lane(1), begin, error)
    end subroutine follow_joint
 
-   !> Enters the works of a part into the ledgers.
-   subroutine keep_ledger(base, state)
-      class(base_system), intent(inout) :: base
-      type(block_state), intent(inout) :: state
-      real(wp) :: work(width, 2)
-
-      work = 0.0_wp
-      call base%add_works(work)
-      associate (n => base%paths%n_samples, w => base%paths%first_sample)
-         state%work_input(w:w + n - 1) = state%work_input(w:w + n - 1) + work(:n, 1)
-         state%work_viscous(w:w + n - 1) = state%work_viscous(w:w + n - 1) + work(:n, 2)
-      end associate
-   end subroutine keep_ledger
-
    !> Sets the force of every lane at a share of a step, and its rise over the next part of it.
    !> Lanes without a sample have none and stay at rest: their joints are never suspect.
    pure subroutine set_force(base, force, step, share, part)
@@ -334,25 +278,24 @@ contains
       end associate
    end subroutine set_force
 
-   pure subroutine list_sliding(base, state, room)
-      class(base_system), intent(in) :: base
-      type(block_state), intent(in) :: state
-      type(march_room), intent(inout) :: room
-      integer :: j, l, many, w
+   !> Counts the way of joints without friction from part to part.
+   pure subroutine count_frictionless(paths, state)
+      type(joint_paths), intent(in) :: paths
+      type(block_state), intent(inout) :: state
+      integer :: j, l, w
 
-      many = base%paths%n_samples
-      w = base%paths%first_sample - 1
-      if (allocated(room%sliding)) deallocate (room%sliding)
-      allocate (room%sliding(2, count(.not. state%slip_limit(:, w + 1:w + many) > 0.0_wp)))
-      many = 0
-      do l = 1, base%paths%n_samples
-         do j = 1, state%n_joints
-            if (state%slip_limit(j, w + l) > 0.0_wp) cycle
-            many = many + 1
-            room%sliding(:, many) = [l, j]
+      do l = 1, paths%n_samples
+         w = paths%first_sample + l - 1
+         do j = 1, paths%n_joints
+            if (state%slip_limit(j, w) > 0.0_wp) cycle
+            associate (place => paths%x(l, paths%row(j), paths%layer(0)))
+               state%slip_distance(j, w) = state%slip_distance(j, w) + &
+                                           abs(place - state%slip_from(j, w))
+               state%slip_from(j, w) = place
+            end associate
          end do
       end do
-   end subroutine list_sliding
+   end subroutine count_frictionless
 
    subroutine keep_record(base, displacement, velocity, room)
       class(base_system), intent(in) :: base

@@ -6,7 +6,7 @@ module dynamics_exact_free_steps
    use core_kinds, only: long, wp
    use dynamics_exact_joint_paths, only: joint_paths, layer_hold, layer_lift, layer_side, &
                                          layer_slider, width
-   use dynamics_exact_powers, only: next_power, power_operator
+   use dynamics_exact_powers, only: next_power
    use dynamics_exact_series, only: most_degree, series_type
    implicit none(type, external)
    private
@@ -20,16 +20,15 @@ module dynamics_exact_free_steps
 contains
 
    !> Finds powers 2 .. P of all rows.
-   subroutine expand_block(series, operators, paths)
+   subroutine expand_block(series, paths)
       type(series_type), intent(in) :: series
-      type(power_operator), intent(in) :: operators(0:)
       type(joint_paths), intent(inout) :: paths
       integer :: k, turn
 
       turn = merge(0, 1, paths%layer(0) == 0)
       associate (x => paths%x)
          do k = 0, series%degree - 2
-            call next_power(operators(k), turn, paths%stiffness, paths%pull, paths%places)
+            call next_power(series%operators(k), turn, paths%stiffness, paths%pull, paths%places)
             if (series%n_links > 0) call push_links(paths%top, series, k, x(1, 1, paths%layer(k)), &
                                                     paths%stiffness, paths%pull, x(1, 1, k + 2))
             if (series%n_links > 0) call follow_links(paths%top, series, x(1, 1, k + 2))
@@ -84,36 +83,33 @@ contains
       end do
    end subroutine follow_links
 
-   !> Ends of all paths, and a list of the suspects: joints whose guards may have a zero, as
-   !> 32 (joint - 1) + lane. Rows are finished two at a time: their suspects are the bits of one
-   !> word.
-   subroutine finish_part(paths, list, found)
+   !> Ends of all paths, and the suspects. Rows are finished two at a time: their suspects are the
+   !> bits of one word.
+   subroutine finish_part(paths)
       type(joint_paths), intent(inout) :: paths
-      integer, intent(inout) :: list(:)
-      integer, intent(out) :: found
       integer(long) :: pair, word
-      integer :: at, e, first, last
+      integer :: at, e, n
 
-      found = 0
-      last = paths%first(paths%n_rows + 1) - 1
-      associate (x => paths%x, start => paths%layer(0), finish => paths%finish(0))
-         do first = 1, last, 2
-            call finish_row(paths%degree, paths, first, x(1, 1, start), x(1, 1, 2), paths%regime, &
+      n = 0
+      associate (x => paths%x, start => paths%layer(0), finish => paths%finish(0), &
+                 many => size(paths%joint))
+         do e = 1, many, 2
+            call finish_row(paths%degree, paths, e, x(1, 1, start), x(1, 1, 2), paths%regime, &
                             paths%slack, x(1, 1, finish), pair)
-            if (first < last) then
-               call finish_row(paths%degree, paths, first + 1, x(1, 1, start), x(1, 1, 2), &
+            if (e < many) then
+               call finish_row(paths%degree, paths, e + 1, x(1, 1, start), x(1, 1, 2), &
                                paths%regime, paths%slack, x(1, 1, finish), word)
                pair = ior(pair, shiftl(word, width))
             end if
             do while (pair /= 0_long)
                at = trailz(pair)
-               found = found + 1
-               e = first + at/width
-               list(found) = width*(paths%joint(e) - 1) + iand(at, width - 1) + 1
+               n = n + 1
+               paths%suspect(n) = width*(paths%joint(e + at/width) - 1) + iand(at, width - 1) + 1
                pair = ibclr(pair, at)
             end do
          end do
       end associate
+      paths%n_suspects = n
    end subroutine finish_part
 
    !> Finds the least values of a row's guards: a path leaves its chord by at most max |x''|/8 <=

@@ -7,7 +7,7 @@ module dynamics_exact_joint_paths
    use dynamics_response, only: block_state
    implicit none(type, external)
    private
-   public :: joint_paths, width
+   public :: joint_paths, padded_rows, width
    public :: layer_slider, layer_reach, layer_side, layer_spring, layer_hold, layer_lift
 
    integer, parameter :: width = 32   !! samples side by side
@@ -26,14 +26,16 @@ module dynamics_exact_joint_paths
       integer :: n_samples = 0     !! of the lanes in use
       integer :: first_sample = 1  !! of the block; it marches in lane 1
       integer, allocatable :: row(:)            !! (joint)
-      integer, allocatable :: first(:)          !! (row + 1) of its joints in `joint`
-      integer, allocatable :: joint(:)          !! (entry) joints by rows; none for a row without
-      integer, allocatable :: joint_row(:)      !! (entry)
+      !> (entry) what finish_part goes through: joints and their rows, and rows without a joint
+      integer, allocatable :: joint(:), joint_row(:)
+      !> Joints whose guards may have a zero in the part, as 32 (joint - 1) + lane
+      integer :: n_suspects = 0
+      integer, allocatable :: suspect(:)
+      logical :: is_involved(width) = .false.   !! samples marched through the part again
+      logical, allocatable :: is_shared(:)      !! (joint) other joints are on its row
       logical, allocatable :: is_local(:)       !! (joint) answered by its own row (8)
-      !> (joint + 1), (entry): rows whose joints must not switch more than so many parts after this
-      !> one (9)
-      integer, allocatable :: first_moved(:), moved(:)
-      real(wp), allocatable :: free_span(:)     !! (entry)
+      !> (other, joint): joints that switch more parts than this after one are moved too much (9)
+      real(wp), allocatable :: free_span(:, :)
       real(wp), allocatable :: own(:, :)        !! (1:4, row) of a row that answers so (7)
       integer, allocatable :: layer(:)          !! (0:degree)
       integer :: finish(0:1) = 0, spare(0:1) = 0   !! spare: room for other ends
@@ -60,8 +62,6 @@ module dynamics_exact_joint_paths
       procedure :: take_in
       procedure :: hand_back
       procedure :: switch
-      procedure :: moves
-      procedure, private :: set_row
    end type joint_paths
 
 contains
@@ -74,7 +74,6 @@ contains
       integer, intent(in) :: row(:)       !! (joint) of its path
       real(wp), intent(in) :: spring(:)   !! (joint)
       real(wp), pointer, contiguous :: planes(:, :, :)
-      integer, allocatable :: joints(:)
       integer :: j, r, rows
 
       self%degree = degree
@@ -83,25 +82,19 @@ contains
       allocate (self%row, source=row)   ! assigned, gfortran 12 reads bounds that are not there yet
       allocate (self%base, source=base)
       allocate (self%spring, source=spring)
+      allocate (self%suspect(width*self%n_joints))
       self%is_local = spread(.false., 1, self%n_joints)
-      self%moved = [integer ::]
+      self%free_span = reshape([real(wp) ::], [0, 0])
       self%own = spread(spread(0.0_wp, 1, 4), 2, self%n_rows)
-      self%first = [1]
-      self%joint = [integer ::]
-      self%joint_row = [integer ::]
-      do r = 1, self%n_rows
-         joints = pack([(j, j=1, self%n_joints)], row == r)
-         if (size(joints) == 0) joints = [self%n_joints + 1]
-         self%joint = [self%joint, joints]
-         self%joint_row = [self%joint_row, spread(r, 1, size(joints))]
-         self%first = [self%first, size(self%joint) + 1]
-      end do
+      self%is_shared = [(count(row == row(j)) > 1, j=1, self%n_joints)]
+      self%joint_row = [row, pack([(r, r=1, self%n_rows)], [(all(row /= r), r=1, self%n_rows)])]
+      self%joint = [(min(j, self%n_joints + 1), j=1, size(self%joint_row))]
       allocate (self%layer(0:degree))
       self%layer = [(j, j=0, degree)]
       self%finish = [degree + 1, degree + 2]
       self%spare = [degree + 3, degree + 4]
 
-      rows = self%n_rows + merge(1, 0, modulo(self%n_rows, 2) == 0)   ! layers not 4096 bytes apart
+      rows = padded_rows(self%n_rows)
       self%top = rows
       call self%memory%start(int(width, long)*(rows*(degree + 7) + 2*n_forces &
                                                + 7*(self%n_joints + 1)))
@@ -117,13 +110,20 @@ contains
       self%slack => planes(:, :, 1)
    end subroutine start
 
+   !> Rows of a layer: odd, so that layers are not 4096 bytes apart.
+   pure integer function padded_rows(n_rows)
+      integer, intent(in) :: n_rows
+
+      padded_rows = n_rows + modulo(n_rows + 1, 2)
+   end function padded_rows
+
    !> Gives the memory back; the next march starts anew.
    subroutine free(self)
       class(joint_paths), intent(inout) :: self
 
       call self%memory%free()
-      if (allocated(self%layer)) deallocate (self%row, self%base, self%spring, self%first, &
-                                             self%joint, self%joint_row, self%layer)
+      if (allocated(self%layer)) deallocate (self%row, self%base, self%spring, self%suspect, &
+                                             self%layer)
    end subroutine free
 
    !> Makes the end of a part the start of the next one.
@@ -142,7 +142,7 @@ contains
       class(joint_paths), intent(inout) :: self
       real(wp), intent(in) :: joint_stiffness(:)   !! (joint) k [N/m]
       type(block_state), intent(in) :: state
-      integer :: j, l, w
+      integer :: j, l, r, w
 
       self%regime = 0.0_wp
       self%regime(:, :, layer_reach) = boundless
@@ -161,9 +161,13 @@ contains
          call watch(regime(:, :, layer_side), regime(:, :, layer_reach), regime(:, :, layer_hold), &
                     regime(:, :, layer_lift))
       end associate
-      do j = 1, self%n_rows
-         do l = 1, width
-            call self%set_row(l, j)
+      self%pull = 0.0_wp
+      do r = 1, self%n_rows
+         self%stiffness(:, r) = self%base(r)
+      end do
+      do j = 1, self%n_joints
+         do l = 1, self%n_samples
+            call add_joint(self, l, j)
          end do
       end do
    end subroutine take_in
@@ -193,53 +197,53 @@ contains
    end subroutine hand_back
 
    !> Changes the regime of a joint: it slips towards `direction`, or sticks after such a slip.
+   !> Without branches, as slips start as often as they end.
    pure subroutine switch(self, lane, joint, direction, place)
       class(joint_paths), intent(inout) :: self
       integer, intent(in) :: lane, joint
       integer, intent(in) :: direction   !! +1 or -1
       real(wp), intent(in) :: place      !! w.x at the transition [m]
-      integer :: row
+      real(wp) :: reach, side   ! of the slip from now on
+      integer :: j, row
 
+      associate (regime => self%regime)
+         side = direction*(1.0_wp - abs(regime(lane, joint, layer_side)))
+         reach = regime(lane, joint, layer_reach)
+         regime(lane, joint, layer_slider) = merge(regime(lane, joint, layer_slider), &
+                                                   slider_at(place, direction, reach), &
+                                                   abs(side) > 0.0_wp)
+         regime(lane, joint, layer_side) = side
+         call watch(side, reach, regime(lane, joint, layer_hold), regime(lane, joint, layer_lift))
+      end associate
       row = self%row(joint)
-      call change_regime(self%n_joints + 1, lane + width*(joint - 1), self%base(row), place, &
-                         direction, self%regime, self%stiffness(lane, row), self%pull(lane, row))
-      if (self%first(row + 1) - self%first(row) > 1) call self%set_row(lane, row)
+      self%stiffness(lane, row) = self%base(row)
+      self%pull(lane, row) = 0.0_wp
+      if (self%is_shared(joint)) then   ! anew, so that no rounding gathers
+         do j = 1, self%n_joints
+            if (self%row(j) == row) call add_joint(self, lane, j)
+         end do
+      else
+         call add_joint(self, lane, joint)
+      end if
    end subroutine switch
 
-   !> True if the transition of a joint may move another, that switches so many parts later, too
-   !> much (9).
-   pure logical function moves(self, joint, other, span)
-      class(joint_paths), intent(in) :: self
-      integer, intent(in) :: joint, other
-      real(wp), intent(in) :: span
+   !> Adds a joint to the sums of its row.
+   pure subroutine add_joint(self, lane, joint)
+      class(joint_paths), intent(inout) :: self
+      integer, intent(in) :: lane, joint
+      real(wp) :: moving, side, spring
 
-      associate (first => self%first_moved(joint), last => self%first_moved(joint + 1) - 1)
-         moves = any(self%moved(first:last) == self%row(other) .and. &
-                     self%free_span(first:last) < span)
+      associate (row => self%row(joint), regime => self%regime)
+         side = regime(lane, joint, layer_side)
+         moving = abs(side)
+         spring = regime(lane, joint, layer_spring)
+         self%stiffness(lane, row) = self%stiffness(lane, row) &
+                                     + merge(0.0_wp, spring, moving > 0.0_wp)
+         self%pull(lane, row) = self%pull(lane, row) &
+                                + spring*merge(-side*regime(lane, joint, layer_reach), &
+                                               regime(lane, joint, layer_slider), moving > 0.0_wp)
       end associate
-   end function moves
-
-   !> Changes the regime of a joint that is alone on its row. Without branches, as slips start as
-   !> often as they end.
-   pure subroutine change_regime(joints, at, base, place, direction, regime, stiffness, &
-                                 pull)
-      integer, intent(in) :: joints, at, direction
-      real(wp), intent(in) :: base, place
-      real(wp), intent(inout) :: regime(width*joints, 6)   !! (at, layer) is of the joint
-      real(wp), intent(inout) :: stiffness, pull
-      real(wp) :: moving, reach, side, slider, spring   ! moving: where it slips from now on
-
-      side = direction*(1.0_wp - abs(regime(at, layer_side)))
-      moving = abs(side)
-      reach = regime(at, layer_reach)
-      spring = regime(at, layer_spring)
-      slider = merge(regime(at, layer_slider), slider_at(place, direction, reach), moving > 0.0_wp)
-      regime(at, layer_slider) = slider
-      regime(at, layer_side) = side
-      call watch(side, reach, regime(at, layer_hold), regime(at, layer_lift))
-      stiffness = base + merge(0.0_wp, spring, moving > 0.0_wp)
-      pull = spring*merge(-side*reach, slider, moving > 0.0_wp)
-   end subroutine change_regime
+   end subroutine add_joint
 
    !> Sets what the two guards start from, so that the one that does not count is never the least.
    elemental subroutine watch(side, reach, hold, lift)
@@ -250,28 +254,5 @@ contains
       hold = merge(boundless, (1.0_wp - margin)*reach, abs(side) > 0.0_wp)
       lift = merge(-margin*reach, boundless, abs(side) > 0.0_wp)
    end subroutine watch
-
-   !> Forms the sums over the joints of a row anew, so that no rounding gathers.
-   pure subroutine set_row(self, lane, row)
-      class(joint_paths), intent(inout) :: self
-      integer, intent(in) :: lane, row
-      real(wp) :: pull, stiffness
-      integer :: e
-
-      stiffness = self%base(row)
-      pull = 0.0_wp
-      do e = self%first(row), self%first(row + 1) - 1
-         associate (regime => self%regime(lane, self%joint(e), :))
-            if (abs(regime(layer_side)) > 0.0_wp) then
-               pull = pull - regime(layer_spring)*regime(layer_side)*regime(layer_reach)
-            else
-               stiffness = stiffness + regime(layer_spring)
-               pull = pull + regime(layer_spring)*regime(layer_slider)
-            end if
-         end associate
-      end do
-      self%stiffness(lane, row) = stiffness
-      self%pull(lane, row) = pull
-   end subroutine set_row
 
 end module dynamics_exact_joint_paths

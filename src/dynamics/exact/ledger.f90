@@ -91,7 +91,7 @@ contains
             dof = series%loaded(i)
             push = 0.0_wp
             do f = 1, size(series%load, 2)
-               push = push + series%load(i, f)*paths%force(:, f, :)
+               push = push + series%load(dof, f)*paths%force(:, f, :)
             end do
             push(:, 1) = span*push(:, 1)
             added = x(:, dof, paths%finish(0)) - x(:, dof, layer(0))

@@ -14,9 +14,7 @@ module dynamics_exact_local_answers
    !> Responses of the dofs around one that is moved.
    type :: local_answers
       logical, allocatable :: is_local(:)       !! (joint)
-      !> (joint + 1), (entry): dofs whose joints must not switch in one part with this one (9)
-      integer, allocatable :: first_moved(:), moved(:)
-      real(wp), allocatable :: free_span(:)     !! (entry) apart from which they may, and less
+      real(wp), allocatable :: free_span(:, :)  !! (other, joint), see joint_paths (9)
       integer, allocatable :: first(:)          !! (dof + 1)
       integer, allocatable :: dof(:)            !! (entry)
       real(wp), allocatable :: value(:, :)      !! N_1 .. N_4 (1:4, entry)
@@ -105,24 +103,20 @@ contains
       integer, parameter :: first_power = 4           !! of the answers of others
       real(wp), parameter :: most_shift = 1.0e-7_wp   !! a tenth of the margin of guards (5)
       real(wp) :: error, shift(size(damping, 1))
-      integer :: i, j, k
+      integer :: i, j
 
-      allocate (answers%moved(0), answers%free_span(0))
-      allocate (answers%first_moved(size(series%row) + 1))
+      allocate (answers%free_span(size(series%row), size(series%row)), source=1.0_wp)
       allocate (answers%is_local(size(series%row)), source=.false.)
       do j = 1, size(series%row)
          i = series%row(j)
-         answers%first_moved(j:j + 1) = size(answers%moved) + 1
          if (i > series%n_dof .or. count(series%row == i) > 1) cycle
          if (any(series%links%column == i)) cycle
          call compare_answers(answers, series%degree, damping, stiffness, i, series%spring(j), &
                               error, shift)
-         associate (moves => shift > most_place*tolerance)
-            answers%moved = [answers%moved, pack([(k, k=1, size(shift))], moves)]
-            answers%free_span = [answers%free_span, (most_place*tolerance/pack(shift, moves)) &
-                                 **(1.0_wp/first_power)]
+         associate (least => most_place*tolerance)   ! of links no matter what: they are not local
+            answers%free_span(:, j) = (least/max(least, shift(min(series%row, series%n_dof)))) &
+                                      **(1.0_wp/first_power)
          end associate
-         answers%first_moved(j + 1) = size(answers%moved) + 1
          answers%is_local(j) = error <= share*tolerance .and. maxval(shift) <= most_shift .and. &
                                maxval(shift)*maxval(series%spring)/6.0_wp <= 2.0_wp*share*tolerance
       end do

@@ -17,7 +17,6 @@ module dynamics_exact_modal_form
    use dynamics_exact_modal_sliders, only: groups, lanes, moving_sliders
    use dynamics_exact_modal_steps, only: put_free_paths, rotate_modes, rotate_pairs, take_motion
    use dynamics_exact_modal_terms, only: path_degree
-   use dynamics_exact_transitions, only: transition_group
    use dynamics_alignment, only: aligned_memory
    use dynamics_response, only: block_state
    use numerics_dense_product, only: padded_rows
@@ -49,7 +48,6 @@ module dynamics_exact_modal_form
       procedure :: take
       procedure :: give
       procedure :: run_part
-      procedure :: correct
       procedure :: redo
       procedure :: go_on
       procedure :: put_state
@@ -123,7 +121,7 @@ contains
    !> See base_system.
    subroutine take(self, state)
       class(modal_form), intent(inout) :: self
-      type(block_state), intent(in) :: state
+      type(block_state), intent(inout) :: state
       integer :: e, g, k, l, m, n, w
 
       n = self%operators%n_rows
@@ -166,7 +164,7 @@ contains
 
    !> See base_system.
    subroutine give(self, state)
-      class(modal_form), intent(in) :: self
+      class(modal_form), intent(inout) :: self
       type(block_state), intent(inout) :: state
       real(wp), dimension(width, self%operators%n_modes) :: displacement, velocity
       integer :: e, g, l, m, n, w
@@ -200,10 +198,8 @@ contains
    end subroutine give
 
    !> See base_system.
-   subroutine run_part(self, list, found)
+   subroutine run_part(self)
       class(modal_form), intent(inout) :: self
-      integer, intent(inout) :: list(:)
-      integer, intent(out) :: found
       real(wp) :: push(lanes, self%n_forces, 0:1)
       integer :: g
 
@@ -213,7 +209,7 @@ contains
             call run_group(self, g, first, push)
          end associate
       end do
-      call finish_part(self%paths, list, found)
+      call finish_part(self%paths)
    end subroutine run_part
 
    !> Takes the modes of a group ahead, and follows the paths of its joints.
@@ -268,20 +264,9 @@ contains
       end associate
    end subroutine run_group
 
-   !> Stops, as it is never called: joints act on each other, so no joint is local.
-   subroutine correct(self, group, entry)
-      class(modal_form), intent(inout) :: self
-      type(transition_group), intent(in) :: group
-      integer, intent(in) :: entry
-
-      if (self%n_padded < 0 .or. group%n < entry) return
-      error stop 'dynamics_exact_modal_form: correct'
-   end subroutine correct
-
    !> See base_system.
-   subroutine redo(self, is_involved, begin, state, error)
+   subroutine redo(self, begin, state, error)
       class(modal_form), intent(inout) :: self
-      logical, intent(in) :: is_involved(:)
       real(wp), intent(in) :: begin
       type(block_state), intent(inout) :: state
       type(error_type), allocatable, intent(out) :: error
@@ -290,8 +275,8 @@ contains
 
       if (.not. allocated(self%lane%slack)) call self%lane%start(self%operators%n_joints, &
                                                                  self%operators%n_moments)
-      do lane = 1, size(is_involved)
-         if (.not. is_involved(lane)) cycle
+      do lane = 1, width
+         if (.not. self%paths%is_involved(lane)) cycle
          call march_again(self%lane)
          if (allocated(error)) return
       end do
@@ -429,9 +414,8 @@ contains
    end subroutine put_state
 
    !> See base_system. The modes go on here.
-   subroutine add_works(self, work)
+   subroutine add_works(self)
       class(modal_form), intent(inout) :: self
-      real(wp), intent(inout) :: work(:, :)   !! (lane, input viscous) [J]
       real(wp) :: of_group(lanes, 2)
       integer :: g
 
@@ -441,8 +425,8 @@ contains
             of_group = 0.0_wp
             call for%ledger%add_part(g, self%n_padded, self%now(:, :, :, g), self%taken, &
                                      self%rates(:, :, :, g), of_group)
-            associate (first => lanes*(g - 1) + 1)
-               work(first:first + lanes - 1, :) = work(first:first + lanes - 1, :) + of_group
+            associate (works => self%works(lanes*(g - 1) + 1:lanes*g, :))
+               works = works + of_group
             end associate
          end do
       end associate

@@ -3,11 +3,11 @@
 !> A room by itself: inlined where powers are expanded, the sums of a row do not stay in registers.
 module dynamics_exact_powers
    use core_kinds, only: wp
-   use dynamics_exact_joint_paths, only: joint_paths, width
-   use dynamics_exact_series, only: series_type
+   use dynamics_exact_joint_paths, only: padded_rows, width
+   use numerics_sparse, only: sparse_matrix, sparse_of
    implicit none(type, external)
    private
-   public :: power_operator, next_power, power_operators
+   public :: power_operator, new_power_operator, next_power
 
    !> Coefficients of power k + 2 by powers k and k + 1 and by the forces, entries of K^, C^ and of
    !> the load in one list. Places are those of joint_paths: those of powers 0 and 1 change from
@@ -25,52 +25,35 @@ module dynamics_exact_powers
 
 contains
 
-   !> Forms the operators of all powers.
-   subroutine power_operators(series, paths, operators)
-      type(series_type), intent(in) :: series
-      type(joint_paths), intent(in) :: paths
-      type(power_operator), allocatable, intent(out) :: operators(:)   !! (0:degree - 2)
-      integer :: e, f, i, k, layer(0:1, 0:1), loaded, n, n_forces, top
+   !> Forms the operator of power k + 2 for paths of so many rows.
+   pure function new_power_operator(k, degree, n_rows, springs, damping, load) result(operator)
+      integer, intent(in) :: k, degree, n_rows
+      real(wp), intent(in) :: springs(:, :)   !! K^ without its diagonal (dof, dof)
+      real(wp), intent(in) :: damping(:, :)   !! C^, what counts of it (dof, dof)
+      real(wp), intent(in) :: load(:, :)      !! h^2 M^-1 b (dof, force)
+      type(power_operator) :: operator
+      type(sparse_matrix) :: entries
+      integer :: first(3, 0:1), top, turn   ! first: place before that of column 1 of each
 
-      top = paths%top
-      n_forces = size(series%load, 2)
-      allocate (operators(0:series%degree - 2))
-      do k = 0, series%degree - 2
-         layer(:, 0) = [k, k + 1]
-         layer(:, 1) = merge(series%degree + 1 + layer(:, 0), layer(:, 0), layer(:, 0) <= 1)
-         associate (to => operators(k), springs => series%springs, damping => series%damping(k))
-            to%n_rows = series%n_dof
-            to%from = top*layer(0, :)
-            to%to = top*(k + 2)
-            to%pulls = k == 0
-            to%scale = -1.0_wp/((k + 1)*(k + 2))
-            n = size(springs%value) + size(damping%value) + size(series%load)
-            allocate (to%start(series%n_dof + 1), to%place(n, 0:1), to%value(n))
-            n = 0
-            do i = 1, series%n_dof
-               to%start(i) = n + 1
-               do e = springs%start(i), springs%start(i + 1) - 1
-                  n = n + 1
-                  to%place(n, :) = top*layer(0, :) + springs%column(e)
-                  to%value(n) = springs%value(e)
-               end do
-               do e = damping%start(i), damping%start(i + 1) - 1
-                  n = n + 1
-                  to%place(n, :) = top*layer(1, :) + damping%column(e)
-                  to%value(n) = damping%value(e)/to%scale
-               end do
-               loaded = findloc(series%loaded, i, 1)
-               if (k > 1 .or. loaded == 0) cycle
-               do f = 1, n_forces
-                  n = n + 1
-                  to%place(n, :) = size(paths%x(1, :, :)) + n_forces*k + f
-                  to%value(n) = -series%load(loaded, f)
-               end do
-            end do
-            to%start(series%n_dof + 1) = n + 1
-         end associate
-      end do
-   end subroutine power_operators
+      top = padded_rows(n_rows)
+      operator%n_rows = size(springs, 1)
+      operator%to = top*(k + 2)
+      operator%pulls = k == 0
+      operator%scale = -1.0_wp/((k + 1)*(k + 2))
+      first(:, 0) = [top*k, top*(k + 1), top*(degree + 5) + size(load, 2)*k]
+      first(:, 1) = first(:, 0) + merge(top*(degree + 1), 0, [k <= 1, k == 0, .false.])
+      operator%from = first(1, :)
+      entries = sparse_of(reshape([springs, (k + 1)*damping, -merge(load, 0.0_wp, k <= 1)], &
+                                  [operator%n_rows, 2*operator%n_rows + size(load, 2)]))
+      operator%start = entries%start
+      operator%value = entries%value
+      allocate (operator%place(size(entries%value), 0:1))
+      associate (of => min((entries%column - 1)/operator%n_rows, 2))
+         do turn = 0, 1
+            operator%place(:, turn) = first(1 + of, turn) + entries%column - operator%n_rows*of
+         end do
+      end associate
+   end function new_power_operator
 
    !> Finds x_(k+2) = (f_k - K^ x_k - (k + 1) C^ x_(k+1))/((k + 1)(k + 2)) of the dofs.
    pure subroutine next_power(operator, turn, stiffness, pull, x)

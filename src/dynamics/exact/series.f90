@@ -6,6 +6,7 @@
 !> matter for the low degrees only. Numbers in brackets are the formulas of docs/exact_march.md.
 module dynamics_exact_series
    use core_kinds, only: two_pi, wp
+   use dynamics_exact_powers, only: new_power_operator, power_operator
    use numerics_sparse, only: sparse_matrix, sparse_of
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -24,15 +25,14 @@ module dynamics_exact_series
       integer :: degree = 0
       real(wp) :: h = 0.0_wp                            !! [s]
       real(wp) :: rate = 0.0_wp                         !! fastest rate times h
-      type(sparse_matrix), allocatable :: damping(:)    !! (0:degree-2) -C^/(k + 2), thinned (2)
-      type(sparse_matrix) :: springs                    !! K^ without its diagonal
+      type(power_operator), allocatable :: operators(:)   !! (0:degree - 2), C^ thinned (2)
       real(wp), allocatable :: diagonal(:)              !! (row) K^_ii; 0 for a link
       type(sparse_matrix) :: links                      !! w (link, dof)
       real(wp), allocatable :: mobility(:)              !! (entry of links) w_i/m_i [1/kg]
       integer, allocatable :: row(:)                    !! (joint) of its path
       real(wp), allocatable :: spring(:)                !! (joint) h^2 k; over m for a dof
       integer, allocatable :: loaded(:)                 !! dofs with a load
-      real(wp), allocatable :: load(:, :)               !! (loaded dof, force) h^2 b/m [m/N]
+      real(wp), allocatable :: load(:, :)               !! h^2 M^-1 b (dof, force) [m/N]
    contains
       procedure :: work
    end type series_type
@@ -44,10 +44,10 @@ contains
       class(series_type), intent(in) :: self
       integer :: k
 
-      work = 3.5_wp*self%degree*self%n_rows + (self%degree - 1.0_wp)* &   ! guards; springs, links
-             (size(self%springs%value) + 2*self%n_dof + 2*size(self%links%value))
+      work = 3.5_wp*self%degree*self%n_rows + (self%degree - 1.0_wp)* &   ! guards; diagonal, links
+             (2*self%n_dof + 2*size(self%links%value))
       do k = 0, self%degree - 2
-         work = work + size(self%damping(k)%value)
+         work = work + size(self%operators(k)%value)
       end do
    end function work
 
@@ -62,21 +62,25 @@ contains
       real(wp) :: motion, load   ! x_(k+1) over x_1 in free motion; over x_2 of a load from rest
       real(wp), allocatable :: damping(:, :), stiffness(:, :)   ! C^, K^ without joints
       real(wp), allocatable :: share(:, :)   ! |C^_ij| relative to the motion of dof i
+      real(wp) :: stuck(structure%n_dof, structure%n_dof)
       integer :: k
 
       series%n_dof = structure%n_dof
       series%h = dt/parts
+      series%loaded = pack([(k, k=1, structure%n_dof)], any(abs(structure%load) > 0.0_wp, 2))
+      series%load = series%h**2*structure%load/spread(structure%lumped_mass(), 2, &
+                                                      structure%n_forces)
       call form_matrices(structure, series%h, damping, stiffness)
-      series%springs = sparse_of(without_diagonal(stiffness))
       call put_joints(structure, series)
       series%diagonal(:structure%n_dof) = [(stiffness(k, k), k=1, structure%n_dof)]
-      call put_loads(structure, series)
+      stiffness = without_diagonal(stiffness)
       series%rate = series%h*fastest_rate(structure)
-      error = 0.5_wp*tolerance/(parts*memory*max(count_levels(series), 5))
+      stuck = structure%stuck_stiffness([(.true., k=1, structure%n_joints)])
+      error = 0.5_wp*tolerance/(parts*memory*max(count_levels(stuck, series%loaded), 5))
       series%degree = degree_for(series%rate, error)
-      allocate (series%damping(0:series%degree - 2))
+      allocate (series%operators(0:series%degree - 2))
       allocate (share, source=abs(damping))   ! not by =, which would read bounds
-      call weigh_by_motion(structure, dt, share)
+      call weigh_by_motion(structure, stuck, dt, share)
       motion = 1.0_wp
       load = 1.0_wp
       do k = 0, series%degree - 2
@@ -84,7 +88,9 @@ contains
          if (k == 2) load = load/3.0_wp
          if (k > 2) load = load*series%rate/(k + 1)
          associate (least => min(5.0_wp*error/motion, 0.5_wp*tolerance/load))
-            series%damping(k) = sparse_of(merge(-damping/(k + 2), 0.0_wp, share > least))
+            series%operators(k) = new_power_operator( &
+                                  k, series%degree, series%n_rows, stiffness, &
+                                  merge(damping, 0.0_wp, share > least), series%load)
          end associate
       end do
    end subroutine new_series
@@ -128,28 +134,20 @@ contains
 
    !> Couplings from the nearest load to the farthest dof, at least 1: at every one of them the
    !> motion grows less while the error that travels with it does not.
-   pure function count_levels(series) result(levels)
-      type(series_type), intent(in) :: series
+   pure function count_levels(stuck, loaded) result(levels)
+      real(wp), intent(in) :: stuck(:, :)   !! K with all joints stuck (dof, dof)
+      integer, intent(in) :: loaded(:)      !! dofs
       integer :: levels
-      logical, dimension(series%n_dof) :: is_reached, is_front, is_next
-      integer :: g, i
+      logical, dimension(size(stuck, 1)) :: is_reached, is_front, is_next
+      integer :: i
 
       is_reached = .false.
-      is_reached(series%loaded) = .true.
+      is_reached(loaded) = .true.
       is_front = is_reached
-      do levels = 1, series%n_dof
+      do levels = 1, size(stuck, 1)
          is_next = .false.
-         do i = 1, series%n_dof
-            associate (springs => series%springs)
-               if (is_front(i)) &
-                  is_next(springs%column(springs%start(i):springs%start(i + 1) - 1)) = .true.
-            end associate
-         end do
-         do g = 1, series%n_links
-            associate (ends => series%links%column( &
-                       series%links%start(g):series%links%start(g + 1) - 1))
-               if (any(is_front(ends))) is_next(ends) = .true.
-            end associate
+         do i = 1, size(stuck, 1)
+            if (is_front(i)) is_next = is_next .or. abs(stuck(:, i)) > 0.0_wp
          end do
          is_front = is_next .and. .not. is_reached
          if (.not. any(is_front)) return
@@ -160,20 +158,19 @@ contains
    !> Multiplies entries (i, j) by the motion of dof j over that of dof i, where it is larger.
    !> Motion fades at a dof that is stiff even against the fastest force, by the spring that moves
    !> it over its dynamic stiffness (2).
-   pure subroutine weigh_by_motion(structure, dt, entries)
+   pure subroutine weigh_by_motion(structure, stuck, dt, entries)
       type(structure_type), intent(in) :: structure
-      real(wp), intent(in) :: dt   !! [s]
+      real(wp), intent(in) :: stuck(:, :)   !! K with all joints stuck (dof, dof)
+      real(wp), intent(in) :: dt            !! [s]
       real(wp), intent(inout) :: entries(:, :)
       real(wp), parameter :: least = 1.0e-30_wp
       real(wp), parameter :: steps_of_period = 20.0_wp   ! of the fastest force, see (11)
-      real(wp) :: stuck(structure%n_dof, structure%n_dof)
       real(wp), dimension(structure%n_dof) :: mass, motion, moved_before
       real(wp) :: stiffness(structure%n_dof)   ! dynamic, under the fastest force [N/m]
       type(sparse_matrix) :: springs
       real(wp) :: fastest   ! of the force, squared [rad^2/s^2]
       integer :: e, i, j
 
-      stuck = structure%stuck_stiffness([(.true., j=1, structure%n_joints)])
       springs = sparse_of(without_diagonal(stuck))
       mass = structure%lumped_mass()
       fastest = (two_pi/(steps_of_period*dt))**2
@@ -261,19 +258,5 @@ contains
       end do
       allocate (series%diagonal(series%n_rows), source=0.0_wp)
    end subroutine put_joints
-
-   pure subroutine put_loads(structure, series)
-      type(structure_type), intent(in) :: structure
-      type(series_type), intent(inout) :: series
-      integer :: i
-
-      series%loaded = pack([(i, i=1, structure%n_dof)], any(abs(structure%load) > 0.0_wp, 2))
-      allocate (series%load(size(series%loaded), structure%n_forces))
-      do i = 1, size(series%loaded)
-         associate (dof => series%loaded(i))
-            series%load(i, :) = series%h**2*structure%load(dof, :)/structure%mass(dof, dof)
-         end associate
-      end do
-   end subroutine put_loads
 
 end module dynamics_exact_series

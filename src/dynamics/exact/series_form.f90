@@ -13,7 +13,6 @@ module dynamics_exact_series_form
    use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, width
    use dynamics_exact_local_answers, only: local_answers, new_local_answers
    use dynamics_exact_ledger, only: ledger_type, new_ledger
-   use dynamics_exact_powers, only: power_operator, power_operators
    use dynamics_exact_series, only: new_series, series_type
    use dynamics_exact_transitions, only: n_near, transition_group
    use dynamics_response, only: block_state, march_work
@@ -27,9 +26,7 @@ module dynamics_exact_series_form
       type(series_type) :: series
       type(ledger_type) :: ledger
       type(local_answers) :: answers
-      type(power_operator), allocatable :: operators(:)   !! (0:degree - 2)
-      logical :: has_works = .false.                !! counted by redo
-      real(wp) :: works(width, 2) = 0.0_wp          !! (lane, input viscous) of the part [J]
+      logical :: has_works = .false.                !! of the part, added by redo
    contains
       procedure :: begin
       procedure :: take
@@ -83,10 +80,7 @@ contains
 
       call self%paths%start(self%series%degree, self%n_forces, self%series%diagonal, &
                             self%series%row, self%series%spring)
-      call power_operators(self%series, self%paths, self%operators)
       self%paths%is_local = self%answers%is_local
-      self%paths%first_moved = self%answers%first_moved
-      self%paths%moved = self%answers%moved
       self%paths%free_span = self%answers%free_span
       self%paths%own(:, :self%series%n_dof) = self%answers%own
    end subroutine begin
@@ -94,7 +88,7 @@ contains
    !> See base_system. Velocities are in m per part here, in m/s in the block.
    subroutine take(self, state)
       class(series_form), intent(inout) :: self
-      type(block_state), intent(in) :: state
+      type(block_state), intent(inout) :: state
       integer :: l, w
 
       associate (x => self%paths%x, layer => self%paths%layer, n => self%series%n_dof)
@@ -111,7 +105,7 @@ contains
 
    !> See base_system.
    subroutine give(self, state)
-      class(series_form), intent(in) :: self
+      class(series_form), intent(inout) :: self
       type(block_state), intent(inout) :: state
       integer :: l, w
 
@@ -126,13 +120,11 @@ contains
    end subroutine give
 
    !> See base_system.
-   subroutine run_part(self, list, found)
+   subroutine run_part(self)
       class(series_form), intent(inout) :: self
-      integer, intent(inout) :: list(:)
-      integer, intent(out) :: found
 
-      call expand_block(self%series, self%operators, self%paths)
-      call finish_part(self%paths, list, found)
+      call expand_block(self%series, self%paths)
+      call finish_part(self%paths)
    end subroutine run_part
 
    !> See base_system.
@@ -202,9 +194,8 @@ contains
    !> See base_system. In each round the series of all samples begin anew where the marked ones have
    !> come to, and those of them that have a transition on their way go on to it. After a stick the
    !> joint stands at its limit and at rest, so that its guard is not found at zero again.
-   subroutine redo(self, is_involved, begin, state, error)
+   subroutine redo(self, begin, state, error)
       class(series_form), intent(inout) :: self
-      logical, intent(in) :: is_involved(:)
       real(wp), intent(in) :: begin
       type(block_state), intent(inout) :: state
       type(error_type), allocatable, intent(out) :: error
@@ -212,18 +203,17 @@ contains
       logical :: has_stuck(width, size(self%series%row)), is_on_way(width)
       real(wp), dimension(width) :: first, now, span   ! [parts]
       real(wp) :: crossing(width, size(self%series%row))
-      integer :: finish(0:1), found, l, list(width*size(self%series%row)), round
+      integer :: finish(0:1), l, round
 
-      is_on_way = .not. is_involved
-      if (self%keeps_ledger) call count_works(self, spread(1.0_wp, 1, width), is_on_way)
+      if (self%keeps_ledger) call self%add_works()   ! of the others, by the regimes at the start
+      self%has_works = self%keeps_ledger
       finish = self%paths%finish
       self%paths%finish = self%paths%spare
-      is_on_way = is_involved
+      is_on_way = self%paths%is_involved
       has_stuck = .false.
       now = 0.0_wp
       do round = 0, self%max_transitions
-         call expand_block(self%series, self%operators, self%paths)
-         call finish_part(self%paths, list, found)
+         call self%run_part()
          call find_crossings()
          first = minval(crossing, 2)
          span = min(first, 1.0_wp - now)
@@ -251,10 +241,10 @@ contains
          integer :: j, k, s
 
          crossing = no_crossing
-         do s = 1, found
-            l = iand(list(s) - 1, width - 1) + 1
+         do s = 1, self%paths%n_suspects
+            l = iand(self%paths%suspect(s) - 1, width - 1) + 1
             if (.not. is_on_way(l)) cycle
-            j = (list(s) - 1)/width + 1
+            j = (self%paths%suspect(s) - 1)/width + 1
             associate (regime => self%paths%regime(l, j, :), layer => self%paths%layer)
                path = [(self%paths%x(l, self%series%row(j), layer(k)), k=0, self%series%degree)]
                if (has_stuck(l, j)) path(0:1) = [regime(layer_slider) + sign( &
@@ -326,19 +316,6 @@ contains
       end do
    end subroutine move_on
 
-   !> Counts the works of the marked samples over a span of their own from the start of the paths.
-   subroutine count_works(self, span, is_counted)
-      class(series_form), intent(inout) :: self
-      real(wp), intent(in) :: span(width)   !! [parts]
-      logical, intent(in) :: is_counted(width)
-      real(wp) :: work(width, 2)
-
-      work = 0.0_wp
-      call self%ledger%add_part(self%series, self%paths, span, work)
-      where (spread(is_counted, 2, 2)) self%works = self%works + work
-      self%has_works = .true.
-   end subroutine count_works
-
    !> See base_system.
    subroutine go_on(self)
       class(series_form), intent(inout) :: self
@@ -370,16 +347,26 @@ contains
       end associate
    end subroutine put_state
 
-   !> See base_system.
-   subroutine add_works(self, work)
+   !> See base_system. Samples that are marched again have their works from redo.
+   subroutine add_works(self)
       class(series_form), intent(inout) :: self
-      real(wp), intent(inout) :: work(:, :)
 
-      if (.not. self%has_works) &
-         call count_works(self, spread(1.0_wp, 1, width), spread(.true., 1, width))
-      work = work + self%works
-      self%works = 0.0_wp
+      associate (is_counted => .not. (self%paths%is_involved .or. self%has_works))
+         if (any(is_counted)) call count_works(self, spread(1.0_wp, 1, width), is_counted)
+      end associate
       self%has_works = .false.
    end subroutine add_works
+
+   !> Adds the works of the counted lanes over spans from the start of the paths.
+   subroutine count_works(self, span, is_counted)
+      class(series_form), intent(inout) :: self
+      real(wp), intent(in) :: span(width)   !! [parts]
+      logical, intent(in) :: is_counted(width)
+      real(wp) :: work(width, 2)
+
+      work = 0.0_wp
+      call self%ledger%add_part(self%series, self%paths, span, work)
+      where (spread(is_counted, 2, 2)) self%works = self%works + work
+   end subroutine count_works
 
 end module dynamics_exact_series_form

@@ -52,22 +52,24 @@ module dynamics_exact_transitions
 
 contains
 
-   !> Judges the suspects of a list.
-   pure subroutine examine(paths, list, group)
+   !> Judges the suspects first .. last of a part, at most eight.
+   pure subroutine examine(paths, first, last, group)
       type(joint_paths), intent(in) :: paths
-      integer, intent(in) :: list(:)   !! at most eight; see finish_part
+      integer, intent(in) :: first, last
       type(transition_group), intent(inout) :: group
 
-      select case (paths%degree)   ! a constant degree makes loops over powers straight
-      case (6)
-         call solve(6, paths, list, group)
-      case (7)
-         call solve(7, paths, list, group)
-      case (8)
-         call solve(8, paths, list, group)
-      case default
-         call solve(paths%degree, paths, list, group)
-      end select
+      associate (list => paths%suspect(first:last))
+         select case (paths%degree)   ! a constant degree makes loops over powers straight
+         case (6)
+            call solve(6, paths, list, group)
+         case (7)
+            call solve(7, paths, list, group)
+         case (8)
+            call solve(8, paths, list, group)
+         case default
+            call solve(paths%degree, paths, list, group)
+         end select
+      end associate
    end subroutine examine
 
    pure subroutine solve(degree, paths, list, group)
@@ -117,7 +119,7 @@ contains
    pure subroutine take_suspects(degree, paths, list, group)
       integer, value :: degree
       type(joint_paths), intent(in) :: paths
-      integer, intent(in) :: list(:)
+      integer, intent(in) :: list(:)   !! of paths%suspect
       type(transition_group), intent(inout) :: group
       integer :: e
 
