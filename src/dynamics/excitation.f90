@@ -29,14 +29,10 @@ contains
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: force(:)              !! (step) values dt apart
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: power(:)
-      integer :: first, i, last, n
 
       call check_band('excitation%band', band, dt, error)
       if (allocated(error)) return
-      call choose_lines(band, dt, size(force), n, first, last)
-      power = [(share_of_line(i, 1.0_wp/(n*dt), band), i=first, last)]
-      call synthesize(power, first, n, stream, force)
+      call synthesize(band, [1.0_wp, 1.0_wp], band(2) - band(1), dt, stream, force)
    end subroutine band_limited_force
 
    !> Makes a record of a stationary Gaussian process whose one-sided density is linear between the
@@ -49,19 +45,11 @@ contains
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: force(:)      !! (step) values dt apart [N]
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: power(:)
-      real(wp) :: band(2), spacing
-      integer :: first, i, last, n
 
-      band = [frequency(1), frequency(size(frequency))]
-      call check_band('band of excitation%psd', band, dt, error)
+      call check_band('band of excitation%psd', [frequency(1), frequency(size(frequency))], dt, &
+                      error)
       if (allocated(error)) return
-      call choose_lines(band, dt, size(force), n, first, last)
-      spacing = 1.0_wp/(n*dt)
-      power = [(power_below(frequency, density, (i + 0.5_wp)*spacing) &
-                - power_below(frequency, density, (i - 0.5_wp)*spacing), i=first, last)]
-      power = max(power, 0.0_wp)   ! where the difference of equal integrals is rounded
-      call synthesize(power, first, n, stream, force)
+      call synthesize(frequency, density, 1.0_wp, dt, stream, force)
    end subroutine coloured_force
 
    !> Makes a force whose fundamental is sin(2 pi f t), with the phase reduced to half a turn.
@@ -81,37 +69,29 @@ contains
       end do
    end subroutine sine_force
 
-   !> Chooses the lines of a synthesis that lie in a band.
-   subroutine choose_lines(band, dt, n_values, n, first, last)
-      real(wp), intent(in) :: band(2), dt      !! [Hz], [s]
-      integer, intent(in) :: n_values          !! of the record
-      integer, intent(out) :: n                !! steps of the period
-      integer, intent(out) :: first, last      !! lines, 1/(n dt) apart, from 0
-      real(wp) :: spacing
-
-      n = good_fft_length(max(n_values, ceiling(fewest_lines/((band(2) - band(1))*dt))))
-      spacing = 1.0_wp/(n*dt)
-      first = nint(band(1)/spacing)
-      last = min(nint(band(2)/spacing), n/2)
-   end subroutine choose_lines
-
-   !> Adds up lines with random amplitudes, of the given powers in expectation.
-   subroutine synthesize(power, first, n, stream, force)
-      real(wp), intent(in) :: power(:)      !! (line) from the first [N^2]
-      integer, intent(in) :: first, n       !! first line; steps of the period
+   !> Adds up lines with random amplitudes, whose expected powers are those of the density.
+   subroutine synthesize(frequency, density, unit, dt, stream, force)
+      real(wp), intent(in) :: frequency(:), density(:)   !! [Hz], [N^2/Hz] in this unit
+      real(wp), intent(in) :: unit
+      real(wp), intent(in) :: dt            !! [s]
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: force(:)     !! (step)
       real(wp), allocatable :: normal(:)
-      complex(wp), allocatable :: line(:)
-      real(wp) :: scale
-      integer :: i
+      complex(wp), allocatable :: line(:)   ! spacing apart, from 0
+      real(wp) :: band(2), scale, spacing   ! [Hz]
+      integer :: first, k, last, n          ! n: steps of the period
 
-      allocate (normal(2*size(power)))
+      band = [frequency(1), frequency(size(frequency))]
+      n = good_fft_length(max(size(force), ceiling(fewest_lines/((band(2) - band(1))*dt))))
+      spacing = 1.0_wp/(n*dt)
+      first = nint(band(1)/spacing)
+      last = min(nint(band(2)/spacing), n/2)
+      allocate (normal(2*(last - first + 1)), line(first:last))
       call stream%normals(normal)
-      allocate (line(first:first + size(power) - 1))
-      do i = 1, size(power)
-         scale = sqrt(power(i))
-         associate (z => normal(2*i - 1:2*i), k => first + i - 1)
+      do k = first, last
+         scale = sqrt(power_between(frequency, density, (k - 0.5_wp)*spacing, &
+                                    (k + 0.5_wp)*spacing)/unit)
+         associate (z => normal(2*(k - first) + 1:2*(k - first) + 2))
             if (k == 0 .or. 2*k == n) then
                line(k) = scale*z(1)
             else
@@ -122,36 +102,23 @@ contains
       call sum_lines(n, first, line, force)
    end subroutine synthesize
 
-   !> Integral of a piecewise linear density from its first frequency to f [N^2].
-   pure function power_below(frequency, density, f) result(power)
+   !> Integral of a piecewise linear density, zero outside of its frequencies.
+   pure function power_between(frequency, density, low, high) result(power)
       real(wp), intent(in) :: frequency(:), density(:)
-      real(wp), intent(in) :: f   !! [Hz]
+      real(wp), intent(in) :: low, high   !! [Hz]
       real(wp) :: power
-      real(wp) :: end_density, share
+      real(wp) :: from, share, to
       integer :: i
 
       power = 0.0_wp
       do i = 1, size(frequency) - 1
-         if (f <= frequency(i)) return
-         associate (width => frequency(i + 1) - frequency(i))
-            share = min(1.0_wp, (f - frequency(i))/width)
-            end_density = density(i) + share*(density(i + 1) - density(i))
-            power = power + 0.5_wp*(density(i) + end_density)*share*width
-         end associate
+         from = max(low, frequency(i))
+         to = min(high, frequency(i + 1))
+         if (to <= from) cycle
+         share = (0.5_wp*(from + to) - frequency(i))/(frequency(i + 1) - frequency(i))
+         power = power + (density(i) + share*(density(i + 1) - density(i)))*(to - from)
       end do
-   end function power_below
-
-   !> The share of the band that line k stands for.
-   pure function share_of_line(k, spacing, band) result(share)
-      integer, intent(in) :: k
-      real(wp), intent(in) :: spacing, band(2)   !! [Hz]
-      real(wp) :: share
-      real(wp) :: low, high
-
-      low = max((k - 0.5_wp)*spacing, band(1))
-      high = min((k + 0.5_wp)*spacing, band(2))
-      share = max(high - low, 0.0_wp)/(band(2) - band(1))
-   end function share_of_line
+   end function power_between
 
    pure subroutine check_band(what, band, dt, error)
       character(*), intent(in) :: what
