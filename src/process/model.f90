@@ -70,7 +70,7 @@ module process_model
       !> positive: the signs of K(m), 'nonnegative', 'alternating' or 'mixed', or 'open' where a
       !> fit is only foreseen; else unallocated
       character(:), allocatable :: branch
-      !> exact law beyond the unconstrained optimum's shape: row of G [1/unit of X squared]; it may
+      !> exact law where K(m) alternates: row of G [1/unit of X squared]; it may
       !> be indefinite, so that a, poles and Lambda are none, b0 = 1/sqrt(G_0) and mu is what the
       !> law is centred on
       real(wp), allocatable :: g(:)
@@ -105,7 +105,7 @@ contains
       note = ''
       if (.not. (model%is_solved .and. allocated(model%branch))) return
       if (model%branch == 'open') &
-         note = "beyond the unconstrained optimum's shape: a run searches further"
+         note = 'not found in a short search: a run searches further'
       if (model%branch /= 'alternating') return
       note = "K(m) alternates: neighbours are anticorrelated; branch = 'nonnegative' refuses it"
       if (abs(model%nonnegative_entropy) > 0.0_wp) &

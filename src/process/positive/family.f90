@@ -11,34 +11,35 @@ module process_positive_family
    implicit none(type, external)
    private
    public :: law_estimate, parameter_family
-   public :: by_coefficients, by_precision, by_shape, by_symbol, free
+   public :: by_coefficients, by_precision, by_symbol, free
    public :: is_confined_law, is_confined_sequence
 
    real(wp), parameter :: largest_kappa = 1.0_wp - 1.0e-6_wp
    real(wp), parameter :: margin = 1.0e-5_wp   !! of a face
    real(wp), parameter :: golden = 0.61803398874989485_wp   !! multiples are spread evenly modulo 1
 
-   !> (ln factor of a shape, coordinate), (ln factor of a symbol, its free s_m, coordinate),
-   !> (atanh(kappa_m) over a factor, m = 1..order, coordinate), (a_1..a_order, coordinate), or
-   !> (G_1..G_order over G_0, coordinate): of the last two no Gaussian process need exist.
-   integer, parameter :: by_shape = 1, by_symbol = 2, free = 3, by_coefficients = 4, &
-                         by_precision = 5
+   !> (ln factor of a symbol, its free s_m, coordinate), (atanh(kappa_1..kappa_order), coordinate),
+   !> (a_1..a_order, coordinate), or (G_1..G_order over G_0, coordinate): of the last two no
+   !> Gaussian process need exist.
+   integer, parameter :: by_symbol = 1, free = 2, by_coefficients = 3, by_precision = 4
 
    !> How points become parameters.
    type :: parameter_family
       integer :: kind = free
-      !> by_shape: atanh(kappa_m); by_symbol: G_m/G_0 of the direct method where s_m = 1
+      real(wp), allocatable :: start(:)   !! a point of the companion, but for its coordinate
+      !> by_symbol: G_m/G_0 of the direct method where s_m = 1
       real(wp), allocatable :: direction(:)
       !> by_symbol: s_m, Eq. (30), and the lags where it stands in a point, after the factor
       real(wp), allocatable :: s(:)
       integer, allocatable :: free(:)
-      real(wp) :: factor = 1.0_wp   !! free: by which points are multiplied
       !> by_coefficients, by_precision: ascending; values so far apart could just grow together, and
       !> coefficients of these lags follow from the others and are not in a point
       integer, allocatable :: faces(:)
-      integer :: most_faces = 1   !! that a search may take
    contains
-      procedure :: has_given_shape
+      procedure :: is_near
+      procedure :: is_weak
+      procedure :: all_signs
+      procedure :: set_free
       procedure :: room
       procedure :: unfold
    end type parameter_family
@@ -61,7 +62,7 @@ contains
       type(law_estimate), intent(inout) :: law   !! its coefficients, G and coordinate
       logical, intent(out) :: is_inside          !! false: no process is there
       real(wp), parameter :: outside = 40.0_wp   ! of any process: nothing overflows
-      real(wp), allocatable :: a(:), s(:)
+      real(wp), allocatable :: a(:)
       real(wp) :: kappa(size(law%g) - 1), unused
       logical :: is_positive
 
@@ -80,29 +81,61 @@ contains
          if (is_inside) is_inside = is_confined_sequence(law%a)
       case default
          if (self%kind == by_symbol) then
-            s = self%s
-            s(self%free) = point(2:size(point) - 1)
-            call equivalent_process([1.0_wp, exp(min(point(1), outside))*self%direction*s], &
-                                    a, unused, is_positive)
+            call equivalent_process([1.0_wp, exp(min(point(1), outside))*self%direction &
+                                     *self%all_signs(point)], a, unused, is_positive)
             kappa = 1.0_wp
             if (is_positive) kappa = reflection_of(a)
-         else if (self%kind == by_shape) then
-            kappa = tanh(exp(min(point(1), outside))*self%direction)
          else
-            kappa = tanh(self%factor*point(:size(kappa)))
+            kappa = largest_kappa*tanh(point(:size(kappa)))
          end if
-         is_inside = is_inside .and. all(abs(kappa) < largest_kappa)
+         is_inside = is_inside .and. all(abs(kappa) <= largest_kappa)
          if (is_inside) law%a = coefficients_of(kappa)
       end select
       if (is_inside) law%g(:) = symbol_of_process(law%a, 1.0_wp)
    end subroutine unfold
 
-   !> True if the targets leave no freedom: a factor and the coordinate are all that moves.
-   pure logical function has_given_shape(self)
+   !> True if the correlation is so weak that the entropy does not feel its shape above the noise of
+   !> a sample: that of the unconstrained process is kept.
+   pure logical function is_weak(self, point)
       class(parameter_family), intent(in) :: self
+      real(wp), intent(in) :: point(:)
+      real(wp), parameter :: weak = 0.01_wp
 
-      has_given_shape = self%kind == by_shape .or. self%kind == by_symbol
-   end function has_given_shape
+      is_weak = self%kind == free .and. norm2(point(:size(point) - 1)) < weak
+   end function is_weak
+
+   !> True if the correlation of a point is not stronger than twice that of the companion.
+   pure logical function is_near(self, point)
+      class(parameter_family), intent(in) :: self
+      real(wp), intent(in) :: point(:)
+
+      if (self%kind == by_symbol) then
+         is_near = point(1) < log(2.0_wp)
+      else
+         is_near = norm2(point(:size(point) - 1)) < 2.0_wp*norm2(self%start)
+      end if
+   end function is_near
+
+   !> by_symbol: s_m of a point, m = 1..m_max.
+   pure function all_signs(self, point) result(s)
+      class(parameter_family), intent(in) :: self
+      real(wp), intent(in) :: point(:)
+      real(wp) :: s(size(self%s))
+
+      s = self%s
+      s(self%free) = point(2:size(point) - 1)
+   end function all_signs
+
+   !> Moves, by_symbol, s_m of these lags, and no others, into a point; one beyond 1 becomes 1.
+   pure subroutine set_free(self, lags, point)
+      class(parameter_family), intent(inout) :: self
+      integer, intent(in) :: lags(:)
+      real(wp), allocatable, intent(inout) :: point(:)
+
+      self%s = max(-1.0_wp, min(1.0_wp, self%all_signs(point)))
+      self%free = lags
+      point = [point(1), self%s(lags), point(size(point))]
+   end subroutine set_free
 
    !> a_q, or 2 G_m/G_0, lags 1..order: those of faces from the others.
    pure function couplings(family, point) result(all_lags)

@@ -12,16 +12,14 @@ module process_positive_fit
    use process_model, only: process_model_type, process_request
    use process_positive_description, only: compare_laws, describe_far_from_zero, describe_sampled, &
       outline_sampled
-   use process_positive_branches, only: branch_difference, search_branches, sharpen
-   use process_positive_family, only: by_symbol
    use process_positive_first_order, only: describe_first_order, match_first_order
    use process_positive_kernel, only: first_order_law
    use process_positive_objective, only: sampled_objective
    use process_positive_problem, only: solve_unconstrained
    use process_positive_refinement, only: refine, shape_spread
-   use process_positive_search, only: approach, find_shape
-   use process_positive_sign_search, only: search_signs
-   use process_positive_signs, only: multipliers_of, settle_signs, signs_solution
+   use process_positive_search, only: follow_alternating, follow_unconstrained
+   use process_positive_sign_search, only: multipliers_of, search_signs, signs_solution
+   use process_positive_signs, only: difference, sharpen
    implicit none(type, external)
    private
    public :: fit_positive, foresee_positive
@@ -56,44 +54,64 @@ contains
       integer(long), intent(in) :: seed
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
-      type(sampled_objective) :: law
       type(first_order_law) :: first_order
-      type(shape_spread) :: spread
-      type(signs_solution) :: solution
 
       if (is_first_order(request)) then
          call match_first_order(request, first_order, error)
          if (.not. allocated(error)) call describe_first_order(request, first_order, model, error)
       else
-         if (request%method == 'direct') then
-            call search_signs(request, seed, law, model, error)
-         else
-            call approach(request, seed, law, error)
-            if (.not. allocated(error)) call find_shape(law, spread, error)
-         end if
-         if (.not. allocated(error)) call finish(request, law, spread, model, error)
-         if (allocated(error) .and. request%method /= 'direct') then
-            ! this has ended, or more values do not have what few of them have
-            law%effort = 0.0_wp
-            call search_branches(request, seed, law, error)
-            if (.not. allocated(error)) call refine(law, branch_difference, spread)
-            if (.not. allocated(error)) call finish(request, law, spread, model, error)
-         end if
-         if (.not. allocated(error)) then
-            if (allocated(law%last%a)) call compare_laws(law, model)
-            model%optimality = law%found%residual
-            if (request%method == 'direct') then
-               call multipliers_of(law, model%b0, solution, model%optimality)
-               model%optimality = max(model%optimality, law%found%violation)
-               model%signs = solution%signs
-               model%delta = solution%delta
-               model%lambda_3 = solution%lambda_3
-            end if
-         end if
+         call fit_sampled(request, seed, model, error)
       end if
       if (allocated(error)) return
       call look_beside(request, seed, model)
    end subroutine fit_near_zero
+
+   !> Solves on simulated values: on the branch of the unconstrained process or, where that has
+   !> ended before, on the alternating one; where some K(m) have changed their sign on the way, on
+   !> that of the larger entropy.
+   subroutine fit_sampled(request, seed, model, error)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(process_model_type), intent(inout) :: model
+      type(error_type), allocatable, intent(out) :: error
+      type(process_model_type) :: other
+      type(error_type), allocatable :: failure
+      type(sampled_objective) :: law
+
+      other = model
+      if (request%method == 'direct') then
+         call search_signs(request, seed, law, model, error)
+      else
+         call follow_unconstrained(request, seed, law, error)
+      end if
+      if (.not. allocated(error)) call finish(request, law, model, error)
+      if (.not. allocated(error)) then
+         if (model%branch /= 'mixed') return
+      end if
+      if (.not. may_alternate(request, error)) return
+      law%effort = 0.0_wp
+      call follow_alternating(request, seed, law, failure)
+      if (.not. allocated(failure)) call finish(request, law, other, failure)
+      if (allocated(failure)) then
+         if (allocated(error)) error%message = error%message//'; '//failure%message
+      else if (allocated(error)) then
+         deallocate (error)
+         model = other
+      else if (other%entropy > model%entropy) then
+         model = other
+      end if
+   end subroutine fit_sampled
+
+   !> True if the alternating branch is to be searched, where the other one was or failed like this.
+   pure logical function may_alternate(request, error)
+      type(process_request), intent(in) :: request
+      type(error_type), allocatable, intent(in) :: error
+
+      may_alternate = request%branch == 'any' .and. request%method == 'autoregressive' .and. &
+                      request%correlation /= 'both' .and. request%mean > 0.0_wp
+      if (allocated(error)) &
+         may_alternate = may_alternate .and. error%exit_code == exit_no_solution
+   end function may_alternate
 
    !> Foresees a fit: fails where `fit_positive` would not even begin. Of the exact law it also
    !> fills what realizations are drawn by, roughly where it is sampled and found soon. A process of
@@ -104,53 +122,57 @@ contains
       integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: quick_effort(2) = [2.0e8_wp, 1.5e8_wp]   ! sequential, exact: 1 s or 2
       type(sampled_objective) :: law
-      type(first_order_law) :: first_order
+      type(first_order_law) :: unused
       type(process_request) :: one
-      real(wp), parameter :: quick_effort(2) = [1.0e8_wp, 4.0e7_wp]   ! sequential, exact: 1 s or 2
-      real(wp), allocatable :: unused(:)
-      real(wp) :: effort
       type(error_type), allocatable :: refusal
-      logical :: has_first_order, has_others, is_exact, is_far, is_feasible, is_inside
+      real(wp), allocatable :: state(:)
+      logical :: has_first_order, has_others, is_exact, is_feasible, is_inside
 
-      call fit_far_from_zero(request, model, is_far)
-      if (is_far) return
+      call fit_far_from_zero(request, model, is_inside)
+      if (is_inside) return
+      if (is_first_order(request)) then
+         call fit_near_zero(request, seed, model, error)
+         return
+      end if
       is_exact = request%sampler == 'exact'
       one = request
       one%order = 1
-      if (is_first_order(request)) then
-         call match_first_order(request, first_order, error)
-         if ((is_exact .or. first_order%r < 0.0_wp) .and. .not. allocated(error)) &
-            call describe_first_order(request, first_order, model, error)
-      else
-         one%branch = 'nonnegative'
-         has_first_order = is_first_order(one)
-         if (has_first_order) then
-            call match_first_order(one, first_order, refusal)
-            has_first_order = .not. allocated(refusal)
+      one%branch = 'nonnegative'
+      has_first_order = is_first_order(one)
+      if (has_first_order) then
+         call match_first_order(one, unused, refusal)
+         has_first_order = .not. allocated(refusal)
+      end if
+      ! with K(m) >= 0 alone the maximum may lie where some are 0, which a search may miss
+      is_feasible = has_first_order .and. request%branch /= 'nonnegative'
+      if (is_feasible .and. .not. is_exact) return
+      law%most_effort = quick_effort(merge(2, 1, is_exact))
+      call follow_unconstrained(request, seed, law, error)
+      if (allocated(error)) then
+         ! when the direct method has tried the unconstrained process's signs others are left
+         has_others = request%method == 'direct' .and. request%branch == 'any' .and. &
+                      (law%effort > 0.0_wp .or. request%std >= request%mean)
+         if (may_alternate(request, error) .and. &
+             .not. (law%is_exhausted() .or. has_first_order)) then
+            call follow_alternating(request, seed, law, refusal)
+            if (allocated(refusal)) then
+               error%message = error%message//'; '//refusal%message
+            else
+               deallocate (error)
+            end if
          end if
-         ! with K(m) >= 0 alone the maximum may lie where some are 0, which a search may miss
-         is_feasible = has_first_order .and. request%branch /= 'nonnegative'
-         if (is_feasible .and. .not. is_exact) return
-         effort = quick_effort(merge(2, 1, is_exact))
-         call approach(request, seed, law, error, effort)
-         law%most_effort = effort
-         if (allocated(error) .and. .not. (law%is_exhausted() .or. has_first_order)) &
-            call search_branches(request, seed, law, error)
          if (allocated(error)) then
-            ! when the direct method has tried the unconstrained optimum's signs others are left
-            has_others = request%method == 'direct' .and. request%branch == 'any' .and. &
-                         (law%effort > 0.0_wp .or. request%std >= request%mean)
             if (.not. (law%is_exhausted() .or. has_first_order .or. has_others)) return
             deallocate (error)
             if (.not. is_feasible) model%branch = 'open'
             return
          end if
-         law%most_effort = huge(1.0_wp)
-         call law%evaluate(law%point, unused, is_inside)
-         if (is_exact .or. law%problem%decay > 0.0_wp) call outline_sampled(law, model)
       end if
-      if (allocated(error)) return
+      law%most_effort = huge(1.0_wp)
+      call law%evaluate(law%point, state, is_inside)
+      if (is_exact .or. law%problem%decay > 0.0_wp) call outline_sampled(law, model)
       one%method = 'autoregressive'   ! tells roughly
       one%branch = request%branch
       call look_beside(one, seed, model)
@@ -209,28 +231,37 @@ contains
               (request%sampler == 'sequential' .or. request%sampler == 'exact')
    end function is_first_order
 
-   !> Matches the targets on many values and describes the law; where that fails, after a search on
-   !> more values than before.
-   subroutine finish(request, law, spread, model, error)
+   !> Refines the maximum, matches the targets on many values and describes the law; where that
+   !> fails, once more after a search on more values than before.
+   subroutine finish(request, law, model, error)
       type(process_request), intent(in) :: request
       type(sampled_objective), intent(inout) :: law
-      type(shape_spread), intent(inout) :: spread
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
       type(process_model_type) :: before
+      type(shape_spread) :: spread
+      type(signs_solution) :: solution
       integer :: pass
 
       before = model
       do pass = 1, 2
+         call refine(law, difference, spread)
          call match_targets(law, request%fit_steps, error)
          if (.not. allocated(error)) call describe_sampled(law, spread, model, error)
-         if (.not. allocated(error)) return
+         if (.not. allocated(error)) exit
          model = before
-         if (request%method == 'direct' .or. .not. law%found%is_converged .or. pass == 2) return
+         if (.not. law%found%is_converged .or. pass == 2) return
          call sharpen(law)
          if (.not. law%found%is_converged) return
-         call refine(law, branch_difference, spread)
       end do
+      if (allocated(law%last%a)) call compare_laws(law, model)
+      model%optimality = law%found%residual
+      if (request%method /= 'direct') return
+      call multipliers_of(law, model%b0, solution, model%optimality)
+      model%optimality = max(model%optimality, law%found%violation)
+      model%signs = solution%signs
+      model%delta = solution%delta
+      model%lambda_3 = solution%lambda_3
    end subroutine finish
 
    !> Meets the targets once more, on as many values as were asked for or as the standard errors
@@ -239,13 +270,14 @@ contains
       type(sampled_objective), intent(inout) :: law
       integer, intent(in) :: fit_steps   !! of a batch; 0: as the errors want
       type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: max_iterations = 20
       real(wp) :: bound, excess
 
       bound = law%most_effort
       law%most_effort = huge(1.0_wp)   ! the search has succeeded, and this is not one
       law%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
-      call match()
-      if (allocated(error)) return
+      call law%keep_lags()
+      call solve_along(law, matched, max_iterations)
       associate (moments => law%last%moments, problem => law%problem)
          excess = max(moments%ratio_error/(ratio_goal*problem%ratio), &
                       merge(moments%l1_error, moments%l0_error, &
@@ -254,25 +286,13 @@ contains
       end associate
       if (excess > 1.0_wp .and. fit_steps == 0 .and. law%found%violation <= missed) then
          law%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))
-         call match()
-         if (allocated(error)) return
+         call solve_along(law, matched, max_iterations)
       end if
       if (law%found%violation <= missed) return
       law%most_effort = bound
       call raise(error, exit_no_solution, law%problem%name// &
                  ': the solution meets the targets on few simulated values, not on '// &
                  to_text(law%n_steps)//' in each batch')
-
-   contains
-
-      subroutine match()
-
-         if (law%family%kind == by_symbol) then
-            call settle_signs(law, error)
-         else
-            call solve_along(law, matched, 20)
-         end if
-      end subroutine match
 
    end subroutine match_targets
 

@@ -11,7 +11,7 @@ module process_positive_objective
    use process_correlation, only: constraint_weights
    use process_positive_exact, only: entropy_of_exact_law, log_partition, sample_exact, &
       sweeps_to_forget
-   use process_positive_family, only: by_shape, by_symbol, law_estimate, parameter_family
+   use process_positive_family, only: by_symbol, law_estimate, parameter_family
    use process_positive_moments, only: estimate_autocovariance, estimate_moments, new_batches, &
       positive_moments
    use process_positive_problem, only: sampled_problem
@@ -45,6 +45,7 @@ module process_positive_objective
       !> (batch, component) what is left of each batch's deviation from its state: of multipliers
       !> that of the first one alone, by the mean
       real(wp), allocatable :: rests(:, :)
+      real(wp), allocatable :: state(:)              !! of the last evaluation
    contains
       procedure :: evaluate
       procedure :: gain
@@ -57,41 +58,44 @@ module process_positive_objective
 
 contains
 
-   !> Begins the objective of a problem in its first family: the companion's shape, or the direct
-   !> method's symbol.
+   !> Begins the objective of a problem, in the family of the direct method's symbol or free.
    subroutine new_objective(problem, objective)
       type(sampled_problem), intent(in) :: problem
       type(sampled_objective), intent(out) :: objective
+      real(wp), parameter :: inside = 1.0_wp - 1.0e-9_wp   ! of [-1, 1]
       real(wp), allocatable :: weights(:)   ! a_m, m = 0..m_max
+      integer :: m
 
       objective%problem = problem
-      objective%n_constraints = 2
+      objective%n_constraints = merge(3, 2, problem%request%correlation == 'both')
       objective%known = problem%autocovariance
       allocate (objective%signs(0:problem%n_lags), source=sign(1.0_wp, problem%autocovariance))
       allocate (objective%zeros(0), objective%family%faces(0))
       allocate (objective%last%g(0:size(problem%companion)), source=0.0_wp)
-      objective%last%batches = new_batches(problem%n_lags, problem%n_single, n_batches)
       if (allocated(problem%sequence)) then   ! which the companion need not have
          associate (s => problem%sequence%s)
             where (abs(s) >= 1.0_wp) objective%signs(1:size(s)) = s
          end associate
       end if
       if (allocated(problem%symbol)) then
-         objective%family%kind = by_symbol
-         allocate (objective%family%free(0))
          weights = constraint_weights(problem%request%correlation, &
                                       problem%request%correlation_length, size(problem%symbol))
          ! some |s_m| are 1, and no other lag has a larger |G_m/a_m|; where a_m = 0 the sign does
          ! not matter
          associate (a => weights(2:), symbol => problem%symbol, family => objective%family)
+            family%kind = by_symbol
             family%direction = a*maxval(abs(symbol)/abs(a), abs(a) > 0.0_wp)
             family%s = spread(1.0_wp, 1, size(a))
             where (abs(a) > 0.0_wp) family%s = symbol/family%direction
+            objective%zeros = pack([(m, m=1, size(a))], abs(family%s) < inside)
+            family%free = objective%zeros
+            family%start = [0.0_wp, family%s(family%free)]
          end associate
       else
-         objective%family%kind = by_shape
-         objective%family%direction = atanh(reflection_of(problem%companion))
+         objective%family%start = atanh(reflection_of(problem%companion))
       end if
+      objective%n_constraints = objective%n_constraints + size(objective%zeros)
+      call objective%keep_lags()
    end subroutine new_objective
 
    !> Evaluates ratio and length or lengths relative to what is wanted, then the features that
@@ -110,7 +114,9 @@ contains
          last%moments = estimate_moments(last%batches, self%known, ubound(last%g, 1), &
                                          problem%tail_l0, problem%tail_moment, self%signs)
          is_inside = last%moments%std > 0.0_wp .and. last%moments%ratio < largest_ratio
-         if (is_inside) call describe_state(self, state)
+         if (.not. is_inside) return
+         call describe_state(self, state)
+         self%state = state
       end associate
    end subroutine evaluate
 
@@ -242,14 +248,18 @@ contains
          self%n_burn_in = max(self%n_burn_in, ceiling(12.0_wp/(1.0_wp - self%problem%decay)**2))
    end subroutine settle
 
-   !> Keeps averages of the first lags one by one from now on: `n_single`, or as many as are held at
-   !> zero.
+   !> Keeps averages of the first lags one by one from now on: of so many, or of as many as the
+   !> order, the zeros and negative signs need.
    pure subroutine keep_lags(self, n_single)
       class(sampled_objective), intent(inout) :: self
-      integer, intent(in) :: n_single
+      integer, intent(in), optional :: n_single
+      integer :: n
 
-      self%last%batches = new_batches(self%problem%n_lags, max(n_single, maxval(self%zeros)), &
-                                      n_batches)
+      n = min(max(self%problem%request%order, maxval(self%zeros)), self%problem%n_lags)
+      if (any(self%signs(n + 1:) < 0.0_wp)) n = self%problem%n_lags
+      if (present(n_single)) n = n_single
+      if (n == self%last%batches%n_single) return
+      self%last%batches = new_batches(self%problem%n_lags, n, n_batches)
    end subroutine keep_lags
 
    !> Holds K(m) = 0 from now on at these lags and no others.
@@ -259,6 +269,7 @@ contains
 
       self%n_constraints = self%n_constraints - size(self%zeros) + size(lags)
       self%zeros = lags
+      if (self%family%kind == by_symbol) call self%family%set_free(lags, self%point)
    end subroutine hold_at_zero
 
    !> Gain of entropy of x/std. That of the exact law is known by its differences: along a change of

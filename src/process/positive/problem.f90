@@ -36,7 +36,6 @@ module process_positive_problem
       real(wp) :: l0 = 0.0_wp                        !! of the companion [lags]
       real(wp) :: tail_l0 = 0.0_wp, tail_moment = 0.0_wp   !! of its sums, beyond n_lags
       integer :: n_lags = 0
-      integer :: n_single = 0                        !! lags that are kept one by one
       integer :: memory = 0                          !! steps beyond which nothing is felt, to 1e-9
       real(wp) :: decay = 0.0_wp                     !! alternating: |K(m + 1)/K(m)| at order 1
    end type sampled_problem
@@ -112,8 +111,6 @@ contains
                             - sum([(m*abs(rho(m + 1)), m=1, problem%n_lags)])
       allocate (problem%autocovariance(0:problem%n_lags))
       problem%autocovariance(:) = rho/innovation_std(kappa, 1.0_wp)**2
-      problem%n_single = min(max(request%order, problem%cut), problem%n_lags)
-      if (any(rho(problem%n_single + 2:) < 0.0_wp)) problem%n_single = problem%n_lags
    end subroutine new_problem
 
    !> Takes the process of the highest lower order that has both lengths with K(m) >= 0, where that

@@ -8,6 +8,7 @@ module process_positive_refinement
    use core_kinds, only: wp
    use numerics_constrained_maximum, only: step_to_maximum
    use process_autoregressive_model, only: autocovariance_of, step_up
+   use process_positive_family, only: by_symbol
    use process_positive_objective, only: sampled_objective
    use process_positive_moments, only: estimate_autocovariance
    use process_positive_truncated_normal, only: lanes
@@ -48,6 +49,7 @@ contains
       integer :: i, n
       logical :: is_inside, is_regular
 
+      if (law%family%kind == by_symbol .or. law%family%is_weak(law%point)) return
       n = size(moved)
       law%n_steps = refinement_steps
       call law%settle()

@@ -1,205 +1,221 @@
-!> The search for a positive process of higher order, on simulated values: first the shape of the
-!> unconstrained optimum, then every coefficient free.
+!> The search for a positive process of higher order, on simulated values: maxima are followed in
+!> std/mean along a branch of processes.
 !>
-!> Where that shape is not found at once it is followed from a smaller std/mean on, with the wanted
-!> length: coefficients grow and mu falls, towards a limit of std/mean that is reached as mu runs
-!> away to minus infinity (without correlation it is the exponential law's, 1).
+!> One branch begins with the process without sign constraint, the solution where std/mean is small.
+!> Its unknowns are atanh(kappa_m): 1 + sum a_q is the product of 1 + kappa_m, and a maximum at 0,
+!> where the field alone holds values back, is approached as one of them grows. By the direct method
+!> they are the factor of the symbol and the s_m of the lags where K(m) = 0.
+!>
+!> On the other one the sign of K(m) changes with every lag. It begins at order 1, which every order
+!> contains. No Gaussian process need have such K(m): the sequential law is searched in its a_q, Eq.
+!> (25) in the row of G, which may be indefinite; positive values alone keep both finite.
 module process_positive_search
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream
    use core_text, only: rounded_text, to_text
-   use numerics_constrained_maximum, only: maximize, search_result
+   use numerics_constrained_maximum, only: search_result
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_request
-   use process_positive_branches, only: adopt_signs, climb
-   use process_positive_family, only: free
+   use process_positive_family, only: by_coefficients, by_precision, by_symbol
+   use process_positive_first_order, only: find_limit, match_branch
+   use process_positive_kernel, only: first_order_law
    use process_positive_objective, only: new_objective, sampled_objective
-   use process_positive_moments, only: estimate_autocovariance
    use process_positive_problem, only: new_problem, sampled_problem
-   use process_positive_refinement, only: refine, shape_spread
-   use process_positive_signs, only: require_signs
+   use process_positive_signs, only: adopt_signs, fades, find_maximum, has_wanted_signs
    use process_positive_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
-   public :: approach, find_shape
+   public :: follow_alternating, follow_unconstrained
 
-   integer, parameter :: search_steps = 128    !! of a batch
-   real(wp), parameter :: farthest = 0.7_wp    !! ln factor, without following the family
-   real(wp), parameter :: close_enough = 1.0e-5_wp  !! relative, of ratio and length on the way
-   !> gradient of the entropy left: wanted, accepted, and over its largest component
-   real(wp), parameter :: wanted = 1.0e-4_wp, acceptable = 1.0e-3_wp, stationary = 0.02_wp
-   integer, parameter :: max_iterations = 60        !! of the search for the shape
+   integer, parameter :: search_steps = 128   !! of a batch
 
 contains
 
-   !> Finds the unconstrained optimum of another length that has the targets under the law, on few
-   !> simulated values: the point is (ln factor, coordinate). Fails where that family ends before.
-   subroutine approach(request, seed, law, error, most_effort, sequence)
+   !> Follows the branch of the unconstrained process to the wanted std/mean, at once or by a climb.
+   !> Fails where it ends before.
+   subroutine follow_unconstrained(request, seed, law, error, sequence)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
-      type(sampled_objective), intent(out) :: law
+      type(sampled_objective), intent(inout) :: law   !! at first its effort and bound alone
       type(error_type), allocatable, intent(out) :: error
-      real(wp), intent(in), optional :: most_effort   !! see `sampled_objective`
       type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
-      real(wp), parameter :: steep = 0.9_wp   ! std/mean of a start
       integer, parameter :: most_halvings = 3
-      character(:), allocatable :: reason
-      type(sampled_problem) :: problem
-      type(search_result) :: far
-      real(wp) :: far_point(2), limit, ratio
-      real(wp), allocatable :: unused(:)
+      real(wp), parameter :: steep = 0.9_wp   ! std/mean of a start
+      real(wp) :: limit, ratio
       integer :: i
-      logical :: is_inside
+      logical :: is_limited
 
       ratio = request%std/request%mean
-      call begin(ratio)
-      if (allocated(error)) return
-      call maximize(law, 1.0e-4_wp, close_enough, 12)
-      ! far from the unconstrained optimum another branch may have the targets too: it is taken only
-      ! where the family that is followed from there ends before them
-      if (law%found%violation > close_enough .or. law%point(1) > farthest) then
-         far = law%found
-         far_point = law%point
-         do i = 1, most_halvings
-            call begin(0.5_wp**i*ratio)
-            law%found = search_result()
-            call climb(law, 0.5_wp**i*ratio, ratio, limit)
-            if (limit > 0.0_wp .or. law%is_exhausted()) exit
-         end do
-         law%problem%ratio = ratio
-         if (limit >= ratio) then
-            call maximize(law, 1.0e-4_wp, close_enough, 20)
-         else if (far%violation <= close_enough) then
-            call begin(ratio)
-            law%point = far_point
-            law%found = far
-            call law%evaluate(law%point, unused, is_inside)
-         else if (.not. law%is_exhausted()) then
-            reason = ': nothing was found with the shape of the unconstrained optimum'
-            if (limit > 0.0_wp) &
-               reason = ': with the shape of the unconstrained optimum std/mean ends at '// &
-                        to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
-            call raise(error, exit_no_solution, law%problem%name//reason)
-            return
-         end if
+      is_limited = .true.
+      if (present(sequence)) is_limited = all(sequence%s >= 0.0_wp)   ! else std may exceed the mean
+      if (is_limited .and. ratio >= 1.0_wp) then
+         call raise(error, exit_no_solution, 'positive process with std/mean = '// &
+                    rounded_text(ratio, 6)//': K(m) >= 0 needs std < mean')
+         return
       end if
-      law%found%is_converged = law%found%violation <= close_enough
-      call require_converged(law, error)
+      call begin(request, seed, law, error, sequence=sequence)
+      if (allocated(error)) return
+      do i = 0, most_halvings
+         call start_at(min(0.5_wp**i*ratio, merge(1.0_wp, steep, is_limited)))
+         if (allocated(error)) return
+         call climb(law, 0.5_wp**i*ratio, ratio, limit)
+         if (law%is_exhausted()) exit
+         ! far from the start another branch may have the targets too
+         if (limit > 0.0_wp .and. (i > 0 .or. law%family%is_near(law%point))) exit
+      end do
+      if (law%found%is_converged) then
+         if (i > 0 .or. law%family%kind == by_symbol .or. .not. has_wanted_signs(law)) &
+            call adopt_signs(law)
+      end if
+      if (.not. law%found%is_converged) &
+         call refuse(law, 'the branch of the unconstrained process', limit, error)
 
    contains
 
-      !> Begins at the unconstrained optimum, with the field of independent values of a std/mean.
-      subroutine begin(ratio_there)
+      !> Starts at the unconstrained process, with the field of independent values of a std/mean.
+      subroutine start_at(ratio_there)
          real(wp), intent(in) :: ratio_there
-         real(wp) :: b0, mu, sigma, std
+         real(wp) :: b0, mu, sigma
 
-         std = ratio_there*request%mean
-         if (present(sequence)) then   ! std may exceed the mean
-            if (any(sequence%s < 0.0_wp)) std = min(std, steep*request%mean)
-         end if
-         call fit_truncated_normal(request%mean, std, mu, sigma, error)
-         if (allocated(error) .and. request%mean > 0.0_wp) &
-            call raise(error, exit_no_solution, 'positive process with std/mean = '// &
-                       rounded_text(ratio, 6)//': K(m) >= 0 needs std < mean')
+         call fit_truncated_normal(request%mean, ratio_there*request%mean, mu, sigma, error)
          if (allocated(error)) return
-         if (.not. allocated(law%point)) then
-            call new_problem(request, new_stream(seed, label_of('positive process'), 0), problem, &
-                             error, sequence=sequence)
-            if (allocated(error)) return
-            call new_objective(problem, law)
-            if (present(most_effort)) law%most_effort = most_effort
-            law%n_steps = search_steps
-         end if
-         b0 = sigma/sqrt(problem%autocovariance(0))   ! a guess, with the companion's innovations
-         law%point = [0.0_wp, &
-                      asinh(mu/b0*(1.0_wp + sum(problem%companion))**merge(2, 1, problem%is_exact))]
+         associate (problem => law%problem)
+            b0 = sigma/sqrt(problem%autocovariance(0))   ! a guess, with the companion's innovations
+            law%point = [law%family%start, asinh(mu/b0*(1.0_wp + sum(problem%companion)) &
+                                                 **merge(2, 1, problem%is_exact))]
+         end associate
+         law%found = search_result()
          law%last%moments%std = 0.0_wp   ! nothing is known yet
          law%centre = request%mean/b0
          call law%settle()
-      end subroutine begin
+      end subroutine start_at
 
-   end subroutine approach
+   end subroutine follow_unconstrained
 
-   !> Finds the maximum with every coefficient free.
-   subroutine find_shape(law, spread, error)
-      type(sampled_objective), intent(inout) :: law
-      type(shape_spread), intent(out) :: spread
+   !> Follows the branch of alternating K(m) from order 1 to the wanted order and std/mean. Fails
+   !> with the std/mean at which it ends.
+   subroutine follow_alternating(request, seed, law, error)
+      type(process_request), intent(in) :: request    !! of order 2 or more
+      integer(long), intent(in) :: seed
+      type(sampled_objective), intent(inout) :: law   !! at first its effort and bound alone
       type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: inside = 0.97_wp   ! of the limit of order 1, beyond it
+      integer, parameter :: max_passes = 4
+      type(process_request) :: one
+      type(first_order_law) :: first
+      real(wp) :: decay, limit
+      integer :: pass
 
+      one = request
+      one%order = 1
+      call find_limit(one, .true., limit, error)
+      if (allocated(error)) return
+      one%std = min(request%std, inside*limit*request%mean)
+      call match_branch(one, .true., first, error)
+      if (allocated(error)) return
+      decay = first%memory
+      do pass = 1, max_passes
+         call begin(request, seed, law, error, decay)
+         if (allocated(error)) return
+         law%family%kind = merge(by_precision, by_coefficients, law%problem%is_exact)
+         law%point = [-first%r, spread(0.0_wp, 1, request%order - 1), asinh(first%field)]
+         law%last%moments%mean = first%mean
+         law%last%moments%std = first%std
+         call law%settle()
+         call climb(law, one%std/request%mean, request%std/request%mean, limit)
+         if (law%found%is_converged) call adopt_signs(law)
+         if (.not. law%found%is_converged) exit
+         if (fades(law)) return
+         decay = sqrt(decay)   ! lags of twice the memory
+      end do
+      call refuse(law, 'alternating K(m)', limit, error)
+   end subroutine follow_alternating
+
+   !> Begins the search for a request; its effort is counted on.
+   subroutine begin(request, seed, law, error, decay, sequence)
+      type(process_request), intent(in) :: request
+      integer(long), intent(in) :: seed
+      type(sampled_objective), intent(inout) :: law
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: decay                     !! see `new_problem`
+      type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
+      type(sampled_problem) :: problem
+      real(wp) :: effort(2)
+
+      call new_problem(request, new_stream(seed, label_of('positive process'), 0), problem, error, &
+                       decay, sequence)
+      if (allocated(error)) return
+      effort = [law%effort, law%most_effort]
+      call new_objective(problem, law)
+      law%effort = effort(1)
+      law%most_effort = effort(2)
       law%n_steps = search_steps
-      if (law%problem%request%correlation == 'both') law%n_constraints = 3   ! a shape has room
-      associate (factor => exp(law%point(1)), is_near => law%point(1) <= farthest)
-         law%family%factor = merge(factor, 1.0_wp, is_near)
-         law%point = [factor/law%family%factor*law%family%direction, law%point(2)]
-      end associate
-      law%family%kind = free
-      call free_shape(law, spread, error)
-      if (.not. allocated(error)) call require_converged(law, error)
-   end subroutine find_shape
+   end subroutine begin
 
-   !> Finds the maximum from a point with every coefficient free. Where correlation is so weak that
-   !> the entropy does not feel its shape above the noise of the sample, the shape of the
-   !> unconstrained optimum is kept, with the residual it leaves.
-   subroutine free_shape(law, spread, error)
+   !> Climbs by maxima at larger and larger std/mean, from that of the start to the wanted one, by
+   !> steps that grow until one fails. Where maxima end before, the last is not converged.
+   subroutine climb(law, start, wanted, limit)
       type(sampled_objective), intent(inout) :: law
-      type(shape_spread), intent(out) :: spread
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: weak = 0.02_wp, feeble = 0.001_wp   !! largest reflection coefficient
-      real(wp), allocatable :: autocovariance(:), standard_error(:)
-      real(wp) :: family(size(law%point)), step, strength
-      integer :: order
-      logical :: is_free
+      real(wp), intent(in) :: start, wanted
+      real(wp), intent(out) :: limit   !! the largest std/mean that was met; 0: none
+      real(wp), parameter :: first_step = 0.08_wp, least_step = 0.004_wp   ! relative
+      type(search_result) :: before
+      real(wp), allocatable :: reached(:)
+      integer, allocatable :: faces(:)
+      real(wp) :: growth, step
 
-      order = size(family) - 1
-      family = law%point
-      call law%settle()
-      strength = maxval(abs(tanh(family(:order))))
-      step = min(1.0e-5_wp, 0.01_wp*strength)
-      is_free = strength > feeble
-      if (is_free) then
-         call maximize(law, step, min(wanted, stationary*strength), max_iterations)
-         law%found%is_converged = max(law%found%violation, law%found%residual) &
-                                  <= min(acceptable, stationary*strength)
-         is_free = law%found%is_converged .or. strength > weak
-      end if
-      if (is_free .and. law%found%is_converged) then
-         call estimate_autocovariance(law%last%batches, law%known, order, &
-                                      autocovariance, standard_error)
-         if (strength > weak) then
-            call require_signs(law, autocovariance, standard_error, error)
+      law%problem%ratio = start
+      limit = 0.0_wp
+      step = first_step
+      growth = 2.0_wp
+      do
+         reached = law%point
+         faces = law%family%faces
+         before = law%found
+         call find_maximum(law)
+         if (law%found%is_converged) then
+            limit = law%problem%ratio
+            if (limit >= wanted) return
+            call law%settle()
+            step = growth*step
          else
-            is_free = all(autocovariance*sign(1.0_wp, law%known(0:order)) > -4.0_wp*standard_error)
+            law%point = reached
+            law%family%faces = faces
+            if (.not. limit > 0.0_wp) exit
+            growth = 1.0_wp
+            step = 0.5_wp*min(step, law%problem%ratio/limit - 1.0_wp)
+            if (step < least_step .or. law%is_exhausted()) exit
+            law%found = before
          end if
-         if (allocated(error)) then
-            deallocate (error)
-            call adopt_signs(law, autocovariance)
-            if (.not. law%found%is_converged) return
-         end if
-      end if
-      if (.not. is_free) then
-         law%point = family
-         law%found = search_result()
-         call maximize(law, step, huge(1.0_wp), 1)
-      else if (law%found%is_converged) then
-         call refine(law, step, spread)
-      end if
-   end subroutine free_shape
+         law%problem%ratio = min(wanted, limit*(1.0_wp + step))
+      end do
+      law%problem%ratio = wanted
+   end subroutine climb
 
-   subroutine require_converged(law, error)
+   !> Says where a branch ends, as far as it was followed.
+   subroutine refuse(law, branch, limit, error)
       type(sampled_objective), intent(in) :: law
+      character(*), intent(in) :: branch
+      real(wp), intent(in) :: limit   !! see `climb`
       type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: reason
 
-      if (law%found%is_converged) return
       if (law%is_exhausted()) then
-         call raise(error, exit_no_solution, law%problem%name// &
-                    ': the search was given up after '//to_text(nint(1.0e-6_wp*law%effort))// &
-                    ' million simulated values, its bound')
+         reason = 'the search was given up after '//to_text(nint(1.0e-6_wp*law%effort))// &
+                  ' million simulated values, its bound'
+      else if (.not. limit > 0.0_wp) then
+         reason = 'nothing was found on '//branch
+      else if (limit < law%problem%ratio) then
+         reason = branch//' ends at std/mean = '//to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
+      else if (law%found%is_converged) then
+         reason = 'K(m) does not fade within '//to_text(law%problem%n_lags)//' lags'
       else
-         call raise(error, exit_no_solution, law%problem%name//': the search ended '// &
-                    to_text(law%found%violation)//' (relative) from its targets, with '// &
-                    to_text(law%found%residual)//' of the gradient left')
+         reason = 'the signs of K(m) do not come to rest'
       end if
-   end subroutine require_converged
+      if (.not. law%problem%decay > 0.0_wp) &   ! else the first branch has said it
+         reason = law%problem%name//': '//reason
+      call raise(error, exit_no_solution, reason)
+   end subroutine refuse
 
 end module process_positive_search

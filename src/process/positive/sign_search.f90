@@ -8,24 +8,32 @@ module process_positive_sign_search
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use numerics_sorting, only: sort_order
+   use process_correlation, only: constraint_weights
    use process_direct_constraint, only: constraint_of, length_constraint
-   use process_direct_fit, only: mirror_image, mirrored
+   use process_direct_fit, only: integer_signs, mirror_image, mirrored
    use process_direct_sign_search, only: count_sequences, max_listed, search_structured, &
                                          sequence_signs
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    use process_model, only: process_model_type, process_request
    use process_positive_objective, only: sampled_objective
+   use process_positive_moments, only: estimate_autocovariance
    use process_positive_problem, only: solve_unconstrained
-   use process_positive_search, only: approach
-   use process_positive_signs, only: adopt_far_signs, multipliers_of, settle_signs, &
-                                     signs_solution
+   use process_positive_search, only: follow_unconstrained
    implicit none(type, external)
    private
-   public :: search_signs
+   public :: multipliers_of, search_signs, signs_solution
 
    real(wp), parameter :: negligible = 1.0e-4_wp   !! of entropies, which are sampled [nat]
 
    integer(long), parameter :: most_sequences = 1024   !! but for mirror images, that are all tried
+
+   !> Signs, multipliers and entropy of a process of the direct method.
+   type :: signs_solution
+      integer, allocatable :: signs(:)   !! s_m, m = 1..m_max; 0 where |s_m| < 1
+      real(wp) :: delta = 0.0_wp         !! lambda_2/lambda_3
+      real(wp) :: lambda_3 = 0.0_wp
+      real(wp) :: entropy = 0.0_wp       !! per point [nat]
+   end type signs_solution
 
    !> Solution for one sequence.
    type :: sign_trial
@@ -42,7 +50,7 @@ contains
    subroutine search_signs(request, seed, law, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
-      type(sampled_objective), intent(out) :: law
+      type(sampled_objective), intent(inout) :: law   !! at first its bound of effort alone
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: others = 15.0_wp   ! effort of all other sequences, of the first's
@@ -151,30 +159,55 @@ contains
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(sequence_solution), intent(in) :: sequence
-      real(wp), intent(in) :: effort   !! see `approach`
+      real(wp), intent(in) :: effort   !! see `most_effort` of the law
       type(sign_trial), intent(out) :: trial
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: entropy_steps = 1024   ! of a batch
-      real(wp), allocatable :: state(:)
       real(wp) :: b0, unused
 
-      call approach(request, seed, trial%law, error, effort, sequence)
-      if (.not. allocated(error)) call settle_signs(trial%law, error)
+      trial%law%most_effort = effort
+      call follow_unconstrained(request, seed, trial%law, error, sequence)
       if (allocated(error)) return
       b0 = request%std/trial%law%last%moments%std
       call multipliers_of(trial%law, b0, trial%solution, unused)
-      call adopt_far_signs(trial%law, state, error)
-      if (allocated(error)) return
       if (request%branch == 'nonnegative' .and. any(trial%solution%signs < 0)) &
          call raise(error, exit_no_solution, trial%law%problem%name// &
                     ': some K(m) are negative')
-      b0 = request%std/trial%law%last%moments%std
       trial%law%n_steps = entropy_steps
       call trial%law%find_entropy(trial%solution%entropy, trial%entropy_error)
       ! that of x/std, less what it gains by the targets' errors on these values
       trial%solution%entropy = trial%solution%entropy + log(b0) &
                                - dot_product(trial%law%found%multipliers, &
-                                             state(:trial%law%n_constraints))
+                                             trial%law%state(:trial%law%n_constraints))
    end subroutine solve_signs
+
+   !> Computes signs and multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2
+   !> a_0, G_m = lambda_2 a_m s_m; sign 0 where |s_m| < 1.
+   subroutine multipliers_of(law, b0, solution, residual)
+      type(sampled_objective), intent(in) :: law   !! of the direct method
+      real(wp), intent(in) :: b0                   !! [unit of X]
+      type(signs_solution), intent(out) :: solution
+      !> largest one of G, relative, and of s_m K(m) >= 0 or, where |s_m| < 1, K(m) = 0, over K(0)
+      real(wp), intent(out) :: residual
+      real(wp), allocatable :: k(:), unused(:)
+      real(wp), dimension(0:size(law%family%s)) :: g, weights
+      real(wp) :: lambda_2, s(size(law%family%s))
+      integer :: m
+
+      s = law%family%all_signs(law%point)
+      g = law%last%g/b0**2
+      associate (request => law%problem%request)
+         weights = constraint_weights(request%correlation, request%correlation_length, ubound(g, 1))
+      end associate
+      solution%signs = integer_signs(s)
+      m = maxloc(abs(weights(1:)), 1, solution%signs /= 0)
+      lambda_2 = g(m)/(weights(m)*s(m))
+      solution%lambda_3 = 0.5_wp*g(0) - lambda_2*weights(0)
+      solution%delta = lambda_2/solution%lambda_3
+      call estimate_autocovariance(law%last%batches, law%known, size(s), k, unused)
+      residual = max(maxval(abs(g(1:) - lambda_2*weights(1:)*s))/g(0), &
+                     maxval(merge(max(-s*k(1:), 0.0_wp), abs(k(1:)), &
+                                  solution%signs /= 0)/k(0), abs(weights(1:)) > 0.0_wp))
+   end subroutine multipliers_of
 
 end module process_positive_sign_search

@@ -1,202 +1,226 @@
-!> Signs of the autocovariance of a positive process: those by which its correlation length was
-!> summed, and by the direct method (Sec. 2.4.2) those of G_m = lambda_2 a_m s_m, where s_m is the
-!> sign of K(m) under the positive law itself, or anything in [-1, 1] where that K(m) = 0.
+!> Maxima of a sampled process with the signs that its autocovariance has.
+!>
+!> Lengths are sums of |K(m)|: each K(m) is counted by an assumed sign, or held at 0. By the direct
+!> method (Sec. 2.4.2) G_m = lambda_2 a_m s_m, where s_m is the sign of K(m) under the positive law
+!> itself, or anything in [-1, 1] where that K(m) = 0.
 module process_positive_signs
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use numerics_constrained_maximum, only: maximize, solve_along
-   use process_correlation, only: constraint_weights
-   use process_direct_fit, only: integer_signs
-   use process_positive_objective, only: sampled_objective
+   use numerics_constrained_maximum, only: maximize
+   use process_positive_family, only: by_symbol, free
    use process_positive_moments, only: estimate_autocovariance
+   use process_positive_objective, only: sampled_objective
    implicit none(type, external)
    private
-   public :: adopt_far_signs, compare_signs, multipliers_of, require_signs, settle_signs, &
-             signs_solution
+   public :: adopt_signs, difference, fades, find_maximum, has_wanted_signs, require_signs, sharpen
 
-   !> Signs, multipliers and entropy of a process of the direct method.
-   type :: signs_solution
-      integer, allocatable :: signs(:)   !! s_m, m = 1..m_max; 0 where |s_m| < 1
-      real(wp) :: delta = 0.0_wp         !! lambda_2/lambda_3
-      real(wp) :: lambda_3 = 0.0_wp
-      real(wp) :: entropy = 0.0_wp       !! per point [nat]
-   end type signs_solution
-
-   real(wp), parameter :: matched = 1.0e-7_wp   !! relative, of the targets; of K(m)/K(0) that is 0
-   real(wp), parameter :: difference = 1.0e-4_wp   !! step of a difference
-   real(wp), parameter :: clear = 1.0e-3_wp     !! of K(m)/K(0): a sign is another one
+   real(wp), parameter :: acceptable = 1.0e-3_wp   !! gradient of the entropy left
+   real(wp), parameter :: difference = 1.0e-5_wp   !! step of a difference
+   real(wp), parameter :: clear = 1.0e-3_wp        !! of K(m)/K(0): a sign is another one
 
 contains
 
-   !> Fails where a K(m) clearly has another sign: by 5 standard errors and a thousandth of K(0).
-   subroutine require_signs(law, autocovariance, standard_error, error)
-      type(sampled_objective), intent(in) :: law
-      real(wp), intent(in) :: autocovariance(0:)    !! (0:n_lags) K(m), with its standard errors
-      real(wp), intent(in) :: standard_error(0:)
-      type(error_type), allocatable, intent(out) :: error
-      integer :: m
+   !> Finds the maximum in the interior, or on the faces that the search runs into: it often lies
+   !> where positive values just keep the law finite, and every other one could just grow. Of a weak
+   !> correlation the shape is kept: the targets can be met from any point.
+   subroutine find_maximum(law)
+      type(sampled_objective), intent(inout) :: law   !! begun with its metric, where that fits
+      real(wp), parameter :: near = 0.05_wp, stationary = 0.01_wp
+      integer, parameter :: max_iterations(2) = [40, 80]   ! with a Gaussian process, and without
+      real(wp), allocatable :: room(:)
+      real(wp) :: tolerance
+      integer :: i, p
+      logical :: is_gaussian
 
-      do m = 1, ubound(autocovariance, 1)
-         if (.not. is_opposite(law%signs(m), autocovariance(m), &
-                               standard_error(m), autocovariance(0))) cycle
-         call raise(error, exit_no_solution, law%problem%name// &
-                    ': the search ended where K('//to_text(m)//') has changed its sign')
-         return
+      is_gaussian = law%family%kind == free .or. law%family%kind == by_symbol
+      tolerance = acceptable
+      if (law%family%kind == free) &
+         tolerance = min(acceptable, stationary*norm2(law%point(:size(law%point) - 1)))
+      if (law%family%is_weak(law%point)) tolerance = huge(1.0_wp)
+      do
+         call maximize(law, difference, tolerance, max_iterations(merge(1, 2, is_gaussian)))
+         if (law%found%is_converged .or. is_gaussian .or. law%is_exhausted() .or. &
+             size(law%point) <= law%n_constraints) return
+         room = law%family%room(law%point)
+         associate (faces => law%family%faces)
+            room(faces) = huge(near)
+            p = minloc(room, 1)
+            if (room(p) > near) return
+            i = count(faces < p)
+         end associate
+         law%point = [law%point(:p - i - 1), law%point(p - i + 1:)]
+         law%family%faces = [law%family%faces(:i), p, law%family%faces(i + 1:)]
       end do
-   end subroutine require_signs
+   end subroutine find_maximum
 
-   elemental function is_opposite(s, k, standard_error, variance) result(is_so)
-      real(wp), intent(in) :: s, k, standard_error, variance
-      logical :: is_so
-
-      is_so = s*k < -max(5.0_wp*standard_error, clear*variance)
-   end function is_opposite
-
-   !> Compares the signs by which lengths are summed with those of K(m) on many values.
-   subroutine compare_signs(law, n_steps, autocovariance, is_wrong, is_inside, state)
+   !> Adopts the signs that K(m) have at the maximum and finds the maximum with them; not converged
+   !> where they do not come to rest. Where a sign must not turn, or K(m) has the other sign with
+   !> either one, K(m) = 0 is a constraint, as long as its multiplier does not pull K(m) to a side
+   !> that is allowed. By the direct method the signs may turn that do not count. Where a_m < 0 the
+   !> entropy has its least value at K(m) = 0, not its largest: another sign belongs to another
+   !> sequence.
+   subroutine adopt_signs(law)
       type(sampled_objective), intent(inout) :: law   !! from now on with averages of every lag
+      integer, parameter :: max_passes = 12
+      integer, parameter :: surer = 16          ! times as many steps tell the signs
+      integer, parameter :: zero_steps = 1024   ! of a batch where some K(m) = 0
+      real(wp), allocatable :: autocovariance(:), pulls(:), reached(:)
+      integer, allocatable :: lags(:)
+      logical, allocatable :: is_barred(:), is_held(:), is_wrong(:)
+      integer :: n_steps, pass
+
+      n_steps = law%n_steps
+      allocate (is_held(size(law%signs)), source=law%problem%request%branch == 'nonnegative')
+      allocate (is_barred(size(law%signs)), source=.false.)
+      if (law%family%kind == by_symbol) then
+         associate (a => law%family%direction(:min(law%problem%n_lags, law%problem%cut)))
+            is_held(2:size(a) + 1) = is_held(2:size(a) + 1) .or. a > 0.0_wp
+            is_barred(2:size(a) + 1) = a < 0.0_wp
+         end associate
+      end if
+      do pass = 1, max_passes
+         call compare_signs(law, surer*n_steps, autocovariance, is_wrong)
+         law%n_steps = n_steps
+         if (.not. law%found%is_converged) return
+         is_wrong(law%zeros + 1) = .false.
+         pulls = pulls_of(law)
+         law%found%is_converged = .not. any(is_wrong .and. is_barred)
+         if (.not. law%found%is_converged) return
+         if (.not. (any(is_wrong) .or. any(abs(pulls) > acceptable))) exit
+         law%found%is_converged = pass < max_passes
+         if (.not. law%found%is_converged) return
+         lags = pack(law%zeros, abs(pulls) <= acceptable)
+         if (any(is_wrong .and. is_held)) &   ! the others may follow
+            lags = [lags, minloc(law%signs*autocovariance, 1, is_wrong .and. is_held) - 1]
+         law%signs(law%zeros) = merge(sign(1.0_wp, pulls), law%signs(law%zeros), &
+                                      abs(pulls) > acceptable)
+         where (is_wrong .and. .not. is_held) law%signs = -law%signs
+         is_held = is_held .or. is_wrong
+         if (size(lags) > 0) law%n_steps = max(n_steps, zero_steps)
+         reached = law%point
+         do
+            call law%hold_at_zero(lags)
+            call law%keep_lags()
+            call find_maximum(law)
+            if (law%found%is_converged .or. size(lags) < 2 .or. law%family%kind == by_symbol) exit
+            lags = lags(size(lags):)   ! the newest alone
+            law%point = reached
+         end do
+         if (.not. law%found%is_converged) return
+      end do
+   end subroutine adopt_signs
+
+   !> Compares the signs by which lengths are summed with those of K(m) on many values; not
+   !> converged where these have no process.
+   subroutine compare_signs(law, n_steps, autocovariance, is_wrong)
+      type(sampled_objective), intent(inout) :: law
       integer, intent(in) :: n_steps    !! of a batch
       real(wp), allocatable, intent(out) :: autocovariance(:)   !! (0:n_lags)
       logical, allocatable, intent(out) :: is_wrong(:)          !! (0:n_lags)
-      logical, intent(out) :: is_inside
-      real(wp), allocatable, intent(out) :: state(:)            !! of the law
       real(wp), parameter :: unclear = 0.5_wp*clear
-      real(wp), allocatable :: standard_error(:)
+      real(wp), allocatable :: standard_error(:), state(:)
 
       call law%keep_lags(law%problem%n_lags)
       law%n_steps = n_steps
-      call law%evaluate(law%point, state, is_inside)
-      if (.not. is_inside) return
+      call law%evaluate(law%point, state, law%found%is_converged)
+      if (.not. law%found%is_converged) return
       call estimate_autocovariance(law%last%batches, law%known, law%problem%n_lags, &
                                    autocovariance, standard_error)
       is_wrong = law%signs*autocovariance < -max(3.0_wp*standard_error, unclear*autocovariance(0))
    end subroutine compare_signs
 
-   !> Adopts the signs that K(m) have beyond the direct method's m_max, where no length is imposed.
-   subroutine adopt_far_signs(law, state, error)
-      type(sampled_objective), intent(inout) :: law
-      real(wp), allocatable, intent(out) :: state(:)   !! of the law, on many values
-      type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: sure_steps = 2048      ! of a batch
-      real(wp), allocatable :: unused(:)
-      logical, allocatable :: is_wrong(:)
-      logical :: is_inside
+   !> Gain of entropy as a K(m)/K(0) that is held at 0 grows to an allowed side, with the sign of
+   !> that side; 0: none. With w the gain by the targets as |K(m)|/K(0) grows, and T that by
+   !> K(m)/K(0) and the targets together, it is s T - w on the side of s. By the direct method
+   !> T/w is s_m.
+   function pulls_of(law) result(pulls)
+      type(sampled_objective), intent(in) :: law
+      real(wp) :: pulls(size(law%zeros))
+      real(wp) :: lengths(2), total, weight
+      integer :: i, m, n_targets
 
-      call compare_signs(law, sure_steps, unused, is_wrong, is_inside, state)
-      if (.not. is_inside) then
-         call raise(error, exit_no_solution, law%problem%name// &
-                    ': the solution on few simulated values is lost on more')
+      if (law%family%kind == by_symbol) then
+         associate (s => law%point(2:size(pulls) + 1))
+            pulls = merge(s, 0.0_wp, abs(s) > 1.0_wp)
+         end associate
          return
       end if
-      is_wrong(:min(law%problem%cut + 1, size(is_wrong))) = .false.
-      where (is_wrong) law%signs = -law%signs
-      if (.not. any(is_wrong)) call law%keep_lags(law%problem%n_single)
-   end subroutine adopt_far_signs
-
-   !> Computes signs and multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2
-   !> a_0, G_m = lambda_2 a_m s_m; sign 0 where |s_m| < 1.
-   subroutine multipliers_of(law, b0, solution, residual)
-      type(sampled_objective), intent(in) :: law   !! of the direct method
-      real(wp), intent(in) :: b0                   !! [unit of X]
-      type(signs_solution), intent(out) :: solution
-      !> largest one of G, relative, and of s_m K(m) >= 0 or, where |s_m| < 1, K(m) = 0, over K(0)
-      real(wp), intent(out) :: residual
-      real(wp), allocatable :: k(:), unused(:)
-      real(wp) :: g(0:size(law%family%direction)), lambda_2, weights(0:size(law%family%direction))
-      integer :: m
-
-      g = law%last%g/b0**2
-      associate (request => law%problem%request)
-         weights = constraint_weights(request%correlation, request%correlation_length, ubound(g, 1))
+      n_targets = law%n_constraints - size(law%zeros)
+      associate (moments => law%last%moments, request => law%problem%request, &
+                 multipliers => law%found%multipliers)   ! of ratio, length or lengths, zeros
+         lengths = 0.0_wp   ! multipliers of L0 and L1
+         lengths(merge(2, 1, request%correlation == 'L1')) = &
+            multipliers(2)/request%correlation_length
+         if (n_targets == 3) lengths(2) = multipliers(3)/request%second_length
+         do i = 1, size(pulls)
+            m = law%zeros(i)
+            weight = lengths(1) + lengths(2)*(m - moments%l1)/(1.0_wp + moments%l0)
+            total = law%signs(m)*weight + multipliers(n_targets + i)
+            pulls(i) = max(total - weight, 0.0_wp)
+            if (-total - weight > pulls(i) .and. request%branch /= 'nonnegative') &
+               pulls(i) = total + weight
+         end do
       end associate
-      solution%signs = integer_signs(law%family%s)
-      m = maxloc(abs(weights(1:)), 1, solution%signs /= 0)
-      lambda_2 = g(m)/(weights(m)*law%family%s(m))
-      solution%lambda_3 = 0.5_wp*g(0) - lambda_2*weights(0)
-      solution%delta = lambda_2/solution%lambda_3
-      associate (s => law%family%s)
-         call estimate_autocovariance(law%last%batches, law%known, size(s), k, unused)
-         residual = max(maxval(abs(g(1:) - lambda_2*weights(1:)*s))/g(0), &
-                        maxval(merge(max(-s*k(1:), 0.0_wp), abs(k(1:)), &
-                                     solution%signs /= 0)/k(0), abs(weights(1:)) > 0.0_wp))
-      end associate
-   end subroutine multipliers_of
+   end function pulls_of
 
-   !> Makes the signs of the unconstrained solution those of the positive law: a lag with a_m > 0
-   !> whose K(m) has the other sign is given an s_m in between that makes it 0, and one whose s_m
-   !> would leave [-1, 1] is given that sign for good. Where a_m < 0 the entropy has its least value
-   !> at K(m) = 0, not its largest: another sign there belongs to another sequence. The targets are
-   !> met in the end.
-   subroutine settle_signs(law, error)
-      type(sampled_objective), intent(inout) :: law   !! by_symbol
-      type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: max_passes = 16
-      real(wp), parameter :: inside = 1.0_wp - 1.0e-9_wp
-      real(wp), allocatable :: k(:), standard_error(:)
-      logical, allocatable :: is_free(:)
-      integer :: pass
-
-      is_free = abs(law%family%s) < inside
-      do pass = 1, max_passes
-         call free_signs(law, is_free)
-         associate (s => law%family%s)
-            if (any(abs(s) > 1.0_wp)) then
-               is_free = is_free .and. abs(s) <= 1.0_wp
-               s = max(-1.0_wp, min(1.0_wp, s))
-               cycle
-            end if
-            if (.not. law%found%violation <= matched) then
-               call raise(error, exit_no_solution, law%problem%name// &
-                          ': the search for s_m ended '//to_text(law%found%violation)// &
-                          ' (relative) from its targets')
-               return
-            end if
-            call estimate_autocovariance(law%last%batches, law%known, size(s), k, standard_error)
-            if (.not. any(is_wrong())) return
-            if (any(is_wrong() .and. law%family%direction < 0.0_wp)) exit
-            is_free = is_free .or. is_wrong()
-         end associate
-      end do
-      call raise(error, exit_no_solution, law%problem%name// &
-                 ': no signs s_m were found that are those of its K(m)')
-
-   contains
-
-      pure function is_wrong()
-         logical :: is_wrong(size(is_free))
-
-         is_wrong = .not. is_free .and. abs(law%family%direction) > 0.0_wp .and. &
-                    is_opposite(law%family%s, k(1:), standard_error(1:), k(0))
-      end function is_wrong
-
-   end subroutine settle_signs
-
-   !> Solves for the targets and for K(m) = 0 at the free lags; s_m of these may leave [-1, 1].
-   subroutine free_signs(law, is_free)
+   !> Finds the maximum on more simulated values than before, with the signs that K(m) have there.
+   subroutine sharpen(law)
       type(sampled_objective), intent(inout) :: law
-      logical, intent(in) :: is_free(:)
-      integer :: m
-      logical :: was_free(size(is_free))
+      integer, parameter :: sharp_steps = 2048      ! of a batch
+      real(wp), parameter :: allowance = 2.0e9_wp   ! see `most_effort`
+      real(wp) :: bound
 
-      associate (family => law%family, n => size(law%point))
-         was_free = .false.
-         was_free(family%free) = .true.
-         if (all(is_free .eqv. was_free)) then
-            call solve_along(law, matched, 20)
-         else
-            family%free = pack([(m, m=1, size(is_free))], is_free)
-            law%point = [law%point(1), family%s(family%free), law%point(n)]
-            call law%hold_at_zero(family%free)
-            call law%keep_lags(law%problem%n_single)
-            do m = 1, min(size(is_free), law%problem%n_lags)   ! summed by its own sign
-               if (abs(law%known(m)) <= 1.0e-9_wp*law%known(0)) &
-                  law%signs(m) = sign(1.0_wp, family%s(m))
-            end do
-            call maximize(law, difference, matched, 20)
-         end if
-         family%s(family%free) = law%point(2:size(law%point) - 1)
+      bound = law%most_effort
+      law%most_effort = law%effort + allowance
+      law%n_steps = sharp_steps
+      call law%keep_lags()
+      call law%settle()
+      call find_maximum(law)
+      if (law%found%is_converged) call adopt_signs(law)
+      law%most_effort = bound
+   end subroutine sharpen
+
+   !> True if hardly anything is left of K(m) at the last lags.
+   function fades(law) result(is_so)
+      type(sampled_objective), intent(in) :: law   !! evaluated with averages of every lag
+      logical :: is_so
+      real(wp), allocatable :: k(:), unused(:)
+
+      associate (n => law%problem%n_lags)
+         call estimate_autocovariance(law%last%batches, law%known, n, k, unused)
+         k = law%signs*k
+         is_so = abs(sum(k(n + 1 - n/5:))) <= 5.0e-3_wp*sum(k(2:))
       end associate
-   end subroutine free_signs
+   end function fades
+
+   !> True if no K(m) up to the order has clearly another sign at the last evaluation.
+   pure logical function has_wanted_signs(law)
+      type(sampled_objective), intent(in) :: law
+      real(wp), allocatable :: autocovariance(:), standard_error(:)
+      type(error_type), allocatable :: error
+
+      call estimate_autocovariance(law%last%batches, law%known, ubound(law%last%g, 1), &
+                                   autocovariance, standard_error)
+      call require_signs(law, autocovariance, standard_error, error)
+      has_wanted_signs = .not. allocated(error)
+   end function has_wanted_signs
+
+   !> Fails where a K(m) clearly has another sign: by 5 standard errors and a thousandth of K(0).
+   pure subroutine require_signs(law, autocovariance, standard_error, error)
+      type(sampled_objective), intent(in) :: law
+      real(wp), intent(in) :: autocovariance(0:)    !! K(m), to any lag, with its standard errors
+      real(wp), intent(in) :: standard_error(0:)
+      type(error_type), allocatable, intent(out) :: error
+      integer :: m
+
+      do m = 1, ubound(autocovariance, 1)
+         if (law%signs(m)*autocovariance(m) >= &
+             -max(5.0_wp*standard_error(m), clear*autocovariance(0))) cycle
+         call raise(error, exit_no_solution, law%problem%name// &
+                    ': the search ended where K('//to_text(m)//') has changed its sign')
+         return
+      end do
+   end subroutine require_signs
 
 end module process_positive_signs
