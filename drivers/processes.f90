@@ -17,7 +17,7 @@ module driver_processes
    use process_direct_fit, only: check_by_inversion, count_parts
    use process_direct_sign_search, only: add_search, pack_search, search_all_signs, &
                                          search_result, unpack_search
-   use process_fit, only: fit_from_search, fit_process, resolve_order
+   use process_fit, only: fit_from_search, fit_process
    use process_model, only: process_model_type, process_request
    use process_scaling, only: carry_over, first_of_fit, unit_request
    implicit none(type, external)
@@ -53,7 +53,6 @@ contains
       type(error_type), allocatable, intent(out), optional :: error   !! with an output
       integer, intent(in), optional :: only   !! the one process that is wanted; 0: none
       type(process_request) :: requests(size(plan%processes))   ! of the fits
-      type(process_request) :: resolved(size(plan%processes))   ! searches know their orders
       type(search_result) :: searches(size(plan%processes))   ! this rank's parts, merged
       type(process_model_type) :: fit
       type(share_type), allocatable :: shares(:)
@@ -68,14 +67,13 @@ contains
       do i = 1, size(models)
          models(i)%request = plan%processes(i)
          requests(i) = unit_request(plan%processes(i))
-         resolved(i) = resolved_search(requests(i))
       end do
       first = first_of_fit(plan%processes)
       owner = -1
       if (present(output)) call take_kept(output, models, owner, failure)
       is_missing = owner < 0
       if (present(only)) is_missing = is_missing .and. [(i == only, i=1, size(models))]
-      shares = all_shares(resolved, [(any(is_missing .and. first == i), i=1, size(models))])
+      shares = all_shares(requests, [(any(is_missing .and. first == i), i=1, size(models))])
       call new_counter(world, size(shares), counter)
       if (size(shares) > 0 .and. .not. is_quiet) &
          call progress%start(size(shares), 0, trim(merge('processes         ', &
@@ -87,7 +85,7 @@ contains
          call progress%show(max(0, item - world%n_ranks))
          associate (share => shares(item))
             if (share%n_parts > 1) then
-               call search_part(resolved(share%process), share, searches(share%process))
+               call search_part(requests(share%process), share, searches(share%process))
             else
                call solve(requests(share%process), plan%seed, fit)
                call hand_out(world, plan, fit, is_missing .and. first == share%process, models, &
@@ -100,7 +98,7 @@ contains
       do i = 1, size(shares)
          if (shares(i)%n_parts == 1 .or. shares(i)%part > 1) cycle
          associate (number => shares(i)%process)
-            call finish_search(world, requests(number), resolved(number), searches(number), fit)
+            call finish_search(world, requests(number), searches(number), fit)
             if (fit%is_solved .or. allocated(fit%reason)) &
                call hand_out(world, plan, fit, is_missing .and. first == number, models, owner, &
                              failure, output)
@@ -109,19 +107,6 @@ contains
       call tell_all(world, owner, models)
       if (present(error)) call move_alloc(failure, error)
    end subroutine solve_processes
-
-   !> Request of which all sequences of signs can be shared out, its order chosen; every rank
-   !> chooses it. A request that fails here fails in the same words where it is solved whole.
-   function resolved_search(request) result(resolved)
-      type(process_request), intent(in) :: request
-      type(process_request) :: resolved
-      type(error_type), allocatable :: error
-
-      resolved = request
-      if (.not. (request%all_signs .and. request%order == 0)) return
-      call resolve_order(request, resolved, error)
-      if (allocated(error)) resolved = request
-   end function resolved_search
 
    !> Hands a fitted model to every process that waits for it, and keeps it at once.
    subroutine hand_out(world, plan, fit, is_waiting, models, owner, error, output)
@@ -213,10 +198,9 @@ contains
    end subroutine search_part
 
    !> Joins all ranks' parts of a search; the root concludes if none is missing. Collective.
-   subroutine finish_search(world, request, resolved, search, model)
+   subroutine finish_search(world, request, search, model)
       type(world_type), intent(in) :: world
       type(process_request), intent(in) :: request
-      type(process_request), intent(in) :: resolved   !! the same, its order chosen
       type(search_result), intent(in) :: search       !! result of this rank
       type(process_model_type), intent(out) :: model
       type(search_result) :: found, merged
@@ -227,11 +211,11 @@ contains
          if (rank == world%rank) numbers = pack_search(search)
          call world%broadcast(numbers, from=rank)
          if (.not. world%is_root()) cycle
-         call unpack_search(numbers, constraint_of(resolved), found)
+         call unpack_search(numbers, constraint_of(request), found)
          call add_search(found, merged)
       end do
       if (.not. world%is_root()) return
-      call fit_from_search(request, resolved, merged, model)
+      call fit_from_search(request, merged, model)
       model%seconds = merged%seconds
       call check_inversion(model)
    end subroutine finish_search

@@ -325,8 +325,8 @@ contains
                          model%signs)
       if (allocated(model%signs)) then
          call visitor%visit(component('delta', '1', 'multiplier lambda_2/lambda_3'), model%delta)
-         call visitor%visit(component('lambda_3', '1', 'multiplier of the variance'), &
-                            model%lambda_3)
+         call visitor%visit(component('lambda_3', '1/unit of x squared', &
+                                      'multiplier of the variance'), model%lambda_3)
          call visitor%visit(component('search'), model%search)
          call visitor%visit(component('n_examined'), model%n_examined)
          call visitor%visit(component('n_consistent'), model%n_consistent)
@@ -337,8 +337,8 @@ contains
                                       by_solution, by_sign), model%solutions_signs)
          call visitor%visit(component('solutions_delta', '1', 'delta of each', by_solution), &
                             model%solutions_delta)
-         call visitor%visit(component('solutions_lambda_3', '1', 'lambda_3 of each', by_solution), &
-                            model%solutions_lambda_3)
+         call visitor%visit(component('solutions_lambda_3', '1/unit of x squared', &
+                                      'lambda_3 of each', by_solution), model%solutions_lambda_3)
          call visitor%visit(component('solutions_entropy', 'nat', 'entropy per point of each', &
                                       by_solution), model%solutions_entropy)
       end if

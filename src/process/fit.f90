@@ -14,7 +14,7 @@ module process_fit
    use process_scaling, only: carry_over, unit_request
    implicit none(type, external)
    private
-   public :: fit_process, fit_from_search, foresee_process, resolve_order
+   public :: fit_process, fit_from_search, foresee_process
 
 contains
 
@@ -51,13 +51,12 @@ contains
 
    !> Solves a request of the direct method from a search for signs that was shared out, once all
    !> its parts are joined.
-   subroutine fit_from_search(request, resolved, search, model)
-      type(process_request), intent(in) :: request, resolved   !! as asked; its order chosen
+   subroutine fit_from_search(request, search, model)
+      type(process_request), intent(in) :: request
       type(search_result), intent(in) :: search
       type(process_model_type), intent(out) :: model
 
-      call conclude_direct(resolved, search, model)
-      model%request = request
+      call conclude_direct(request, search, model)
       call accept_simulation(model)
    end subroutine fit_from_search
 

@@ -5,10 +5,18 @@
 !> is fitted depends on the request alone, so that its bits do not depend on what else is asked for.
 module process_scaling
    use core_kinds, only: wp
-   use process_model, only: innovation_scale, process_model_type, process_request
+   use process_components, only: component, component_visitor, visit_components
+   use process_model, only: process_model_type, process_request
    implicit none(type, external)
    private
    public :: unit_request, first_of_fit, carry_over
+
+   !> Brings a process into another unit.
+   type, extends(component_visitor) :: scaling_visitor
+      real(wp) :: unit = 1.0_wp   !! of X, in that of before
+   contains
+      procedure :: visit_table => scale_table
+   end type scaling_visitor
 
 contains
 
@@ -66,53 +74,43 @@ contains
                    .and. a%fit_steps == b%fit_steps
    end function is_same
 
-   !> Carries the process of the unit request over to the request itself. Entropies grow by the
-   !> logarithm of the unit.
+   !> Carries the process of the unit request over to the request itself, component by component.
    subroutine carry_over(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(inout) :: model
-      real(wp) :: gain, unit
+      type(scaling_visitor) :: visitor
 
       model%request = request
       if (.not. model%is_solved) return
-      unit = unit_of(request)
-      gain = log(unit)
-      model%b0 = unit*model%b0
-      model%autocovariance(:) = unit**2*model%autocovariance
-      if (allocated(model%autocovariance_error)) &
-         model%autocovariance_error(:) = unit**2*model%autocovariance_error
-      if (request%positive) then
-         model%mu = unit*model%mu
-         model%mean = unit*model%mean
-         if (allocated(model%g)) then
-            model%g(:) = model%g/unit**2
-            model%b0 = innovation_scale(model%g)
-            if (allocated(model%nodes)) model%nodes(:) = unit*model%nodes
-         end if
-         if (abs(model%nonnegative_entropy) > 0.0_wp) &
-            model%nonnegative_entropy = model%nonnegative_entropy + gain
-         if (model%other_std > 0.0_wp) model%other_entropy = model%other_entropy + gain
-         model%other_mean = unit*model%other_mean
-         model%other_std = unit*model%other_std
-      else
-         model%mu = request%mean
-         model%mean = request%mean
-      end if
-      model%std = unit*model%std
-      model%mean_error = unit*model%mean_error
-      model%std_error = unit*model%std_error
-      model%entropy = model%entropy + gain
-      model%entropy_bound = model%entropy_bound + gain
-      if (request%method /= 'direct') return
-      model%lambda_3 = model%lambda_3/unit**2
-      if (.not. request%positive) model%entropy_ceiling = model%entropy_ceiling + gain
-      if (allocated(model%inversion%autocovariance)) &
-         model%inversion%autocovariance(:) = unit**2*model%inversion%autocovariance
-      if (allocated(model%solutions_lambda_3)) &
-         model%solutions_lambda_3(:) = model%solutions_lambda_3/unit**2
-      if (allocated(model%solutions_entropy)) &
-         model%solutions_entropy(:) = model%solutions_entropy + gain
+      visitor%unit = unit_of(request)
+      call visit_components(visitor, model)
+      if (request%positive) return
+      model%mu = request%mean
+      model%mean = request%mean
    end subroutine carry_over
+
+   !> Scales a component by the power of the unit of X that its own unit has; an entropy grows by
+   !> the logarithm, its error does not.
+   subroutine scale_table(self, what, values)
+      class(scaling_visitor), intent(inout) :: self
+      type(component), intent(in) :: what
+      real(wp), allocatable, intent(inout) :: values(:, :)
+      integer :: n
+
+      if (.not. allocated(values)) return
+      select case (what%units)
+      case ('unit of x')
+         values = self%unit*values
+      case ('unit of x squared')
+         values = self%unit**2*values
+      case ('1/unit of x squared')
+         values = values/self%unit**2
+      case ('nat')
+         if (what%is_optional .and. .not. any(abs(values) > 0.0_wp)) return   ! not there
+         n = merge(1, size(values, 2), what%axis%name == '')
+         values(:, :n) = values(:, :n) + log(self%unit)
+      end select
+   end subroutine scale_table
 
    !> One unit of the unit process [unit of X].
    pure function unit_of(request) result(unit)
