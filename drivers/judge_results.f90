@@ -1,8 +1,7 @@
 !> Judges whether results are as accurate as their scene wants them, and samples until they are.
 module driver_judge_results
-   use campaign_audit, only: add_audits
    use campaign_estimates, only: case_estimates
-   use campaign_plan, only: plan_type
+   use campaign_plan, only: add_audits, plan_type
    use campaign_pooling, only: fewest_samples, sharing_cases
    use campaign_results, only: case_statistics, of_slip
    use campaign_samples_needed, only: find_need, needs_more_samples, slip_error, slip_error_of, &

@@ -1,9 +1,8 @@
 !> From shards to the results file: statistics of every case, and everything written as a whole.
 module driver_results
-   use campaign_audit, only: audit_of
    use campaign_comparison, only: compare_slip, numerical_error, spectrum_comparison
    use campaign_estimates, only: case_estimates
-   use campaign_plan, only: kept_dofs, plan_type
+   use campaign_plan, only: audit_of, kept_dofs, plan_type
    use campaign_results, only: block_result, case_statistics, spectrum_layout
    use campaign_runner, only: runner_type
    use core_chunks, only: frequencies_together

@@ -1,7 +1,6 @@
 !> `entroslip run`: everything a scene asks for, from its processes to the results file.
 module driver_run
-   use campaign_audit, only: add_audits
-   use campaign_plan, only: plan_type
+   use campaign_plan, only: add_audits, plan_type
    use campaign_results, only: block_result, memory_of_block
    use campaign_runner, only: block_width, prepare_runner, runner_type
    use campaign_sample, only: run_block

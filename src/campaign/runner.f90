@@ -1,7 +1,6 @@
 !> Data that all blocks of a plan share: the marcher, the force record, the layout of the spectra.
 module campaign_runner
-   use campaign_audit, only: reference_for
-   use campaign_plan, only: integration_settings, kept_dofs, plan_type, scale_of
+   use campaign_plan, only: integration_settings, kept_dofs, plan_type, reference_for, scale_of
    use campaign_results, only: spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: long, wp

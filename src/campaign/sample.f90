@@ -1,8 +1,7 @@
 !> Blocks of samples: marched under the force of their case, spectra formed as the march goes.
 module campaign_sample
-   use campaign_audit, only: kept_of
    use campaign_harmonic, only: harmonic_collector, start_harmonics
-   use campaign_plan, only: kept_dofs, output_settings
+   use campaign_plan, only: kept_dofs, kept_of, output_settings
    use campaign_results, only: block_result
    use campaign_runner, only: runner_type
    use campaign_time_average, only: count_spans, end_of_span, errors_of_averages, fewest_spans

@@ -1,7 +1,7 @@
 !> The text of `entroslip check`: what a scene will do, what it will not, and what that will cost.
 module config_summary
-   use campaign_audit, only: add_audits, reference_for
-   use campaign_plan, only: integration_settings, plan_type, strength_of
+   use campaign_plan, only: add_audits, integration_settings, plan_type, reference_for, &
+                            strength_of
    use campaign_pooling, only: case_pool, estimators_of, find_pools
    use campaign_size, only: memory_of_rank, results_size
    use config_fingerprint, only: fingerprint

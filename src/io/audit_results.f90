@@ -1,9 +1,8 @@
 !> The audit of a case as a group of the results file, `audit` in that of the case: its samples as
 !> the reference marched them, and what the differences tell of the case's numerical error.
 module io_audit_results
-   use campaign_audit, only: kept_of, reference_for
    use campaign_comparison, only: band_ratio_error, difference_type, numerical_error, slip_error
-   use campaign_plan, only: integration_settings, plan_type
+   use campaign_plan, only: integration_settings, kept_of, plan_type, reference_for
    use campaign_results, only: block_result, spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: wp

@@ -2,8 +2,7 @@
 !> as users know them. Of a case here are the axes and attributes and what its samples handed back;
 !> its statistics are io_case_statistics'. Processes are in io_process_results.
 module io_results
-   use campaign_audit, only: kept_of
-   use campaign_plan, only: kept_dofs, output_settings, plan_type
+   use campaign_plan, only: kept_dofs, kept_of, output_settings, plan_type
    use campaign_results, only: block_result, spectrum_layout
    use campaign_time_average, only: count_spans, fewest_spans, time_average_method
    use core_error, only: error_type

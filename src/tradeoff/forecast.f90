@@ -8,8 +8,8 @@
 !> frequencies and the cases; what each costs was measured on the paper's chain (25 to 400 samples a
 !> case), 20 and 50 masses and a ring of blades.
 module tradeoff_forecast
-   use campaign_audit, only: add_audits, kept_of, reference_for
-   use campaign_plan, only: integration_settings, kept_dofs, plan_type
+   use campaign_plan, only: add_audits, integration_settings, kept_dofs, kept_of, plan_type, &
+                            reference_for
    use campaign_pooling, only: case_pool, find_points, find_pools
    use campaign_results, only: block_result
    use campaign_runner, only: prepare_runner, runner_type

@@ -1,10 +1,9 @@
 !> A small campaign whose every number follows from case, sample and dof: nothing needs to be
 !> marched.
 module io_campaign
-   use campaign_audit, only: add_audits
    use campaign_comparison, only: compare_slip, compare_spectra, numerical_error
    use campaign_estimates, only: case_estimates
-   use campaign_plan, only: plan_type
+   use campaign_plan, only: add_audits, plan_type
    use campaign_results, only: block_result, case_statistics, of_slip, spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: long, wp
