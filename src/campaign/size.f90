@@ -1,13 +1,12 @@
 !> How large the results of a plan and the memory of a rank become, from the shapes of what is kept.
 module campaign_size
-   use campaign_audit, only: add_audits, kept_of
    use campaign_bands, only: n_replicates
    use campaign_columns, only: largest_group
-   use campaign_plan, only: kept_dofs, output_settings, plan_type
-   use campaign_pooling, only: case_pool, find_points, find_pools, plan_draws, reason_for_plain
+   use campaign_plan, only: add_audits, kept_dofs, kept_of, output_settings, plan_type
+   use campaign_pooling, only: case_pool, find_pools, plan_draws, reason_for_plain
    use campaign_results, only: n_quantities, spectrum_layout
    use campaign_runner, only: block_width, layout_of
-   use campaign_time_average, only: count_spans, fewest_spans
+   use campaign_time_average, only: count_spans
    use core_chunks, only: frequencies_together, stored_bytes
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long, wp
@@ -110,22 +109,15 @@ contains
       n_samples = plan%cases(number)%n_samples
       n_steps = plan%integration%n_steps + 1.0_wp
       associate (n_dof => plan%structure%n_dof, n_joints => plan%structure%n_joints)
-         of_sample = word*(1 + 5*n_joints)
+         of_sample = word*(6 + 8*n_joints)   ! whatever is kept
+         if (kept%harmonic) of_sample = of_sample + word*2*(n_dof + 1)
          once = word*(n_dof + n_joints)
-         n_datasets = 18
+         n_datasets = 27
          if (n_samples > 1 .and. plan%cases(number)%audits == 0) &
             call add_statistics(plan, number, every, once, n_datasets)
-         if (kept%slip) then
-            of_sample = of_sample + word*2*n_joints
-            if (kept%keeps_spectra(n_samples) .or. .not. kept%spectrum) &
-               once = once + stored_bytes([n_joints, count_spans(plan%integration), n_samples])
-         end if
-         if (kept%spectrum) of_sample = of_sample + word*n_joints
-         if (kept%harmonic) of_sample = of_sample + word*(2*n_dof + 1.5_wp)
+         if (kept%slip .and. (kept%keeps_spectra(n_samples) .or. .not. kept%spectrum)) &
+            once = once + stored_bytes([n_joints, count_spans(plan%integration), n_samples])
       end associate
-      if (kept%harmonic) n_datasets = n_datasets + 4
-      if (kept%energy) of_sample = of_sample + word*5
-      if (kept%energy) n_datasets = n_datasets + 5
       if (kept%spectrum) then
          n_datasets = n_datasets + 9
          once = once + word*n_frequencies(plan, every)
@@ -147,36 +139,26 @@ contains
       bytes = margin*(n_samples*of_sample + once + n_datasets*of_dataset)
    end function size_of_case
 
-   !> Adds the size of the statistics over samples of a case, with plain ones and ratios beside
-   !> those of a regression.
+   !> Adds the size of the statistics over samples of a case: of plain sampling alone, or with those
+   !> of a regression, their sensitivities and ratios of errors.
    pure subroutine add_statistics(plan, number, every, bytes, n_datasets)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number, every
       real(wp), intent(inout) :: bytes
       integer, intent(inout) :: n_datasets
-      integer, allocatable :: points(:), joints(:)
-      integer :: n_bands, n_values, nf
+      real(wp), parameter :: with_regression = 2.5_wp   ! times the plain ones
+      real(wp) :: n_values, times
 
-      associate (nj => plan%structure%n_joints, np => size(plan%output%percentiles))
-         n_values = n_quantities*nj*(4 + 3*np)
-         n_datasets = n_datasets + 2 + 7*n_quantities
-         bytes = bytes + word*2*nj
-         n_bands = 0
-         nf = n_frequencies(plan, every)
+      times = merge(1.0_wp, with_regression, len(reason_for_plain(plan, number)) > 0)
+      associate (structure => plan%structure, np => size(plan%output%percentiles))
+         n_values = n_quantities*structure%n_joints*(4 + 3*np)
+         n_datasets = n_datasets + nint(times*7*n_quantities)
          if (plan%output%spectrum) then
-            n_bands = size(kept_dofs(plan))*(nf*(2 + 3*np) + 6 + 2*np)
-            n_datasets = n_datasets + 15
-            bytes = bytes + word*size(kept_dofs(plan))*(2 + np)
+            n_values = n_values + size(kept_dofs(plan))*(n_frequencies(plan, every)*(2.0_wp + 3*np) &
+                                                         + 8 + 3*np)
+            n_datasets = n_datasets + nint(times*17)
          end if
-         bytes = bytes + word*(n_values + n_bands)
-         if (len(reason_for_plain(plan, number)) > 0) return
-         call find_points(plan%structure, points, joints)
-         bytes = bytes + word*(n_values + n_bands + nj*(n_quantities*(2 + np) &
-                                                        + 2*size(points)))
-         n_datasets = n_datasets + 5 + 10*n_quantities
-         if (.not. plan%output%spectrum) return
-         bytes = bytes + word*size(kept_dofs(plan))*(nf*(1 + np) + 2 + np)
-         n_datasets = n_datasets + 17
+         bytes = bytes + word*(times*n_values + 2*structure%n_joints*structure%n_points)
       end associate
    end subroutine add_statistics
 
