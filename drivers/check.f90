@@ -7,9 +7,8 @@ module driver_check
    use config_summary, only: summary_text
    use core_error, only: error_type, exit_done, exit_stopped
    use core_kinds, only: long, wp
-   use core_phrases, only: brief, duration, labelled
    use core_terminal, only: say
-   use core_text, only: to_text
+   use core_text, only: brief, duration, labelled, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_choose_setting, only: keep_targets
    use driver_command_line, only: command_line

@@ -12,8 +12,7 @@ module driver_choose_setting
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_no_solution, exit_stopped, raise
    use core_kinds, only: wp
-   use core_phrases, only: brief, labelled
-   use core_text, only: to_text
+   use core_text, only: brief, labelled, to_text
    use driver_tradeoff_text, only: setting_text
    use driver_trial_runs, only: measure_settings
    use parallel_world, only: stop_world, world_type

@@ -2,8 +2,7 @@
 module driver_command_line
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long
-   use core_phrases, only: joined, suggestion
-   use core_text, only: parse_integer
+   use core_text, only: joined, parse_integer, suggestion
    use io_files, only: exists
    implicit none(type, external)
    private

@@ -5,9 +5,8 @@ module driver_estimate
    use core_complaints, only: complaint_list
    use core_error, only: error_type, exit_bad_input, exit_done, exit_file, raise
    use core_kinds, only: long, wp
-   use core_phrases, only: brief, counted, labelled
    use core_terminal, only: say
-   use core_text, only: to_text
+   use core_text, only: brief, counted, labelled, to_text
    use driver_campaign, only: tell_folder
    use driver_command_line, only: command_line
    use io_files, only: exists, folder_of, make_folder, sync_file

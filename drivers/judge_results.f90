@@ -8,8 +8,7 @@ module driver_judge_results
       statistical_error, with_own_records
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
-   use core_phrases, only: brief, counted, numbers_text
-   use core_text, only: to_text
+   use core_text, only: brief, counted, numbers_text, to_text
    use driver_output, only: output_type
    use driver_regression, only: find_estimates
    use driver_statistics, only: case_task, open_case

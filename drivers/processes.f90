@@ -3,8 +3,7 @@ module driver_processes
    use campaign_plan, only: plan_type
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use core_phrases, only: counted
-   use core_text, only: to_text
+   use core_text, only: counted, to_text
    use driver_deadline, only: time_to_stop
    use driver_output, only: output_type
    use io_process_shards, only: keep_process, read_kept

@@ -9,8 +9,7 @@ module driver_replay
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, raise
    use core_kinds, only: wp
-   use core_phrases, only: counted
-   use core_text, only: to_text
+   use core_text, only: counted, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_choose_setting, only: keep_targets
    use driver_command_line, only: command_line

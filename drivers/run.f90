@@ -9,8 +9,7 @@ module driver_run
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
    use core_kinds, only: long, wp
-   use core_phrases, only: counted, duration
-   use core_text, only: to_text
+   use core_text, only: counted, duration, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_choose_setting, only: keep_targets
    use driver_command_line, only: command_line

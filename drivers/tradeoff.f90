@@ -4,7 +4,7 @@ module driver_tradeoff
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
    use core_kinds, only: wp
-   use core_phrases, only: counted
+   use core_text, only: counted
    use core_terminal, only: say
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line

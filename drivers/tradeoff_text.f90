@@ -3,8 +3,7 @@
 module driver_tradeoff_text
    use campaign_plan, only: plan_type
    use core_kinds, only: wp
-   use core_phrases, only: brief, counted, duration, labelled, numbered, padded
-   use core_text, only: to_text
+   use core_text, only: brief, counted, duration, labelled, numbered, padded, to_text
    use numerics_sorting, only: sort_order
    use process_model, only: process_model_type
    use tradeoff_effects, only: variant_row

@@ -3,9 +3,8 @@ module driver_trial_runs
    use campaign_plan, only: plan_type
    use core_error, only: error_type
    use core_kinds, only: wp
-   use core_phrases, only: counted, duration
    use core_terminal, only: say
-   use core_text, only: to_text
+   use core_text, only: counted, duration, to_text
    use driver_deadline, only: time_to_stop
    use io_progress, only: progress_type
    use parallel_work, only: new_counter, work_counter

@@ -1,4 +1,4 @@
-!> A scene as numbers: processes to fit, cases to run, how to march, results to keep; and its audits.
+!> A scene as numbers: processes to fit, cases to run, how to march, results to keep, audits.
 !>
 !> Audits repeat a share of every case's samples with a far better method. An audit is a case of its
 !> own, behind all others: the same process, force and sample numbers, so the same friction. It

@@ -4,9 +4,8 @@ module campaign_runner
    use campaign_results, only: spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use core_phrases, only: brief
    use core_random, only: label_of, new_stream, stream_type
-   use core_text, only: to_text
+   use core_text, only: brief, to_text
    use dynamics_exact_march, only: exact_march, new_exact_march
    use dynamics_excitation, only: band_limited_force, coloured_force, sine_force
    use dynamics_newmark_march, only: new_newmark, newmark_marcher

@@ -154,8 +154,8 @@ contains
          n_values = n_quantities*structure%n_joints*(4 + 3*np)
          n_datasets = n_datasets + nint(times*7*n_quantities)
          if (plan%output%spectrum) then
-            n_values = n_values + size(kept_dofs(plan))*(n_frequencies(plan, every)*(2.0_wp + 3*np) &
-                                                         + 8 + 3*np)
+            n_values = n_values + size(kept_dofs(plan)) &
+                       *(n_frequencies(plan, every)*(2.0_wp + 3*np) + 8 + 3*np)
             n_datasets = n_datasets + nint(times*17)
          end if
          bytes = bytes + word*(times*n_values + 2*structure%n_joints*structure%n_points)

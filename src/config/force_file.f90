@@ -2,10 +2,9 @@
 module config_force_file
    use core_complaints, only: complaint_list
    use core_kinds, only: long, wp
-   use core_phrases, only: counted
    use core_random, only: label_of
    use core_table, only: read_table, table_type
-   use core_text, only: rounded_text, to_text
+   use core_text, only: counted, rounded_text, to_text
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    implicit none(type, external)
    private

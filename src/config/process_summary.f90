@@ -3,8 +3,7 @@
 module config_process_summary
    use campaign_plan, only: plan_type
    use core_kinds, only: wp
-   use core_phrases, only: brief, labelled, numbered, numbers_text, padded
-   use core_text, only: to_text
+   use core_text, only: brief, labelled, numbered, numbers_text, padded, to_text
    use process_model, only: branch_note, process_model_type, process_request
    use process_realization, only: way_of_drawing, way_type
    use process_reference, only: is_reference, law_name

@@ -8,9 +8,8 @@ module config_summary
    use config_groups, only: scene_type
    use config_process_summary, only: is_fitted_to_values, max_rows, process_table
    use core_kinds, only: two_pi, wp
-   use core_phrases, only: brief, counted, duration, joined, labelled, numbered, padded, &
-      size_text
-   use core_text, only: to_text
+   use core_text, only: brief, counted, duration, joined, labelled, numbered, padded, size_text, &
+                        to_text
    use process_model, only: process_model_type
    use process_scaling, only: first_of_fit
    use structure_model, only: structure_type

@@ -7,7 +7,7 @@ module io_case_statistics
                                listed_statistic, of_slip
    use core_error, only: error_type
    use core_kinds, only: wp
-   use core_phrases, only: numbered
+   use core_text, only: numbered
    use io_blocks, only: kept_axis
    use io_group, only: group_type, new_group
    use numerics_sorting, only: sort_order

@@ -2,7 +2,7 @@
 module io_process_results
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: wp
-   use core_phrases, only: numbered
+   use core_text, only: numbered
    use io_group, only: group_of, group_type, new_group
    use io_hdf5, only: hdf5_file
    use process_components, only: axis_type, component, component_visitor, forget_components, &

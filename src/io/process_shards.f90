@@ -2,7 +2,7 @@
 !> a fit that is done is not done again.
 module io_process_shards
    use core_error, only: error_type
-   use core_phrases, only: numbered
+   use core_text, only: numbered
    use io_files, only: exists, remove_file
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file, open_hdf5

@@ -7,7 +7,7 @@ module io_results
    use campaign_time_average, only: count_spans, fewest_spans, time_average_method
    use core_error, only: error_type
    use core_kinds, only: wp
-   use core_phrases, only: numbered
+   use core_text, only: numbered
    use io_blocks, only: kept_axis, put_long
    use io_contents, only: check_contents, note_contents
    use io_files, only: folder_of, sync_file

@@ -14,9 +14,8 @@ module process_estimate
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: long, wp
-   use core_phrases, only: counted
    use core_random, only: label_of, new_stream, stream_type
-   use core_text, only: to_text
+   use core_text, only: counted, to_text
    use numerics_lapack, only: solve_positive_definite
    use numerics_sorting, only: sort_order
    use numerics_statistics, only: standard_deviation

@@ -3,9 +3,8 @@ module structure_files
    use core_complaints, only: complaint_list
    use core_error, only: error_type
    use core_kinds, only: wp
-   use core_phrases, only: counted
    use core_table, only: read_table, table_type
-   use core_text, only: to_text
+   use core_text, only: counted, to_text
    use structure_matrix_market, only: matrix_file, read_matrix
    use structure_model, only: build_structure, damping_type, part_names, structure_type
    implicit none(type, external)

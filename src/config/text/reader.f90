@@ -7,8 +7,7 @@ module config_text_reader
    use config_text_tokens, only: token_word
    use config_text_value_table, only: entry_type, name_length, word_type
    use core_kinds, only: long, wp
-   use core_phrases, only: suggestion
-   use core_text, only: lowered, nearest_name, parse_integer, parse_real, to_text
+   use core_text, only: lowered, nearest_name, parse_integer, parse_real, suggestion, to_text
    implicit none(type, external)
    private
    public :: reader_type
