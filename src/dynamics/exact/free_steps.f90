@@ -4,8 +4,7 @@
 !> Loops over lanes have constant length. All data begins at multiples of 64 bytes.
 module dynamics_exact_free_steps
    use core_kinds, only: long, wp
-   use dynamics_exact_joint_paths, only: joint_paths, layer_hold, layer_lift, layer_side, &
-                                         layer_slider, width
+   use dynamics_exact_joint_paths, only: joint_paths, layer_reach, layer_side, layer_slider, width
    use dynamics_exact_powers, only: next_power
    use dynamics_exact_series, only: most_degree, series_type
    implicit none(type, external)
@@ -14,6 +13,8 @@ module dynamics_exact_free_steps
 
    integer, private :: b   ! of the constructors that follow
    integer(long), parameter :: bit(width) = [(shiftl(1_long, b), b=0, width - 1)]
+   !> Guards within this share of the reach count as suspect (5)
+   real(wp), parameter :: margin = 1.0e-6_wp
    real(wp), parameter :: power(most_degree) = [(b, b=1, most_degree)]
    real(wp), parameter :: bend(most_degree) = 0.125_wp*power*(power - 1.0_wp)*(power - 2.0_wp)
 
@@ -121,7 +122,7 @@ contains
       integer, intent(in) :: entry
       real(wp), intent(in) :: start(width, paths%top, 0:1)   !! powers 0 and 1
       real(wp), intent(in) :: x(width, paths%top, 2:degree)
-      real(wp), intent(in) :: regime(width, paths%n_joints + 1, 6)
+      real(wp), intent(in) :: regime(width, paths%n_joints + 1, 4)
       real(wp), intent(inout) :: finish(width, paths%top, 0:1)
       real(wp), intent(inout) :: slack(width, paths%n_joints + 1)
       integer(long), intent(out) :: word   !! a bit for every lane whose joint is suspect
@@ -150,10 +151,11 @@ contains
          finish(l, i, 1) = velocity(l)
          guard(l) = max(abs(start(l, i, 0) - regime(l, j, layer_slider)), &
                         abs(path(l) - regime(l, j, layer_slider)))
-         guard(l) = regime(l, j, layer_hold) - guard(l) - 0.25_wp*abs(x(l, i, 2))
+         guard(l) = (1.0_wp - margin)*regime(l, j, layer_reach) - guard(l) &
+                    - 0.25_wp*abs(x(l, i, 2))
          velocity(l) = min(regime(l, j, layer_side)*start(l, i, 1), &
-                           regime(l, j, layer_side)*velocity(l)) + regime(l, j, layer_lift)
-         guard(l) = min(guard(l), velocity(l)) - turn(l)
+                           regime(l, j, layer_side)*velocity(l)) - margin*regime(l, j, layer_reach)
+         guard(l) = merge(velocity(l), guard(l), abs(regime(l, j, layer_side)) > 0.0_wp) - turn(l)
          hits(l) = iand(bit(l), shifta(transfer(guard(l), 0_long), 63))   ! sign
       end do
       if (paths%keeps_slack) slack(:, j) = guard

@@ -47,7 +47,7 @@ contains
       real(wp), intent(in) :: c(0:)
       real(wp), intent(in) :: last
       real(wp) :: time
-      real(wp) :: bend, drop, fall
+      real(wp) :: bend, drop
       integer :: first, k
 
       time = no_crossing
@@ -66,60 +66,12 @@ contains
          if (c(first) < 0.0_wp) return
       end if
 
-      fall = 0.0_wp
       bend = 0.0_wp
-      do k = ubound(c, 1), first + 3, -1
-         fall = (fall + (k - first)*abs(c(k)))*last
-         bend = (bend + (k - first)*(k - first - 1)*abs(c(k)))*last
+      do k = ubound(c, 1), first + 2, -1
+         bend = (bend + (k - first)*(k - first - 1)*abs(c(k)))*merge(last, 1.0_wp, k > first + 2)
       end do
-      if (ubound(c, 1) >= first + 2) then
-         fall = fall*last + c(first + 1) + max(0.0_wp, 2.0_wp*c(first + 2)*last)
-         ! upper bounds of the first and of the second derivative
-         if (fall < 0.0_wp .or. bend + 2.0_wp*c(first + 2) < 0.0_wp) then
-            time = only_crossing(c(first:), last)
-            if (time >= 0.0_wp) return
-         end if
-         bend = bend + 2.0_wp*abs(c(first + 2))
-      end if
       time = creep(c(first:), bend, last)
    end function first_crossing
-
-   !> The zero of a guard that falls or is concave all the way, positive at the start: there is one
-   !> if the end is not positive. The zeros of its own parabolas close in on it with order three; -1
-   !> when they do not.
-   pure function only_crossing(c, last) result(time)
-      real(wp), intent(in) :: c(0:), last
-      real(wp) :: time
-      integer, parameter :: most_steps = 6
-      real(wp), parameter :: last_step = 1.0e-6_wp   ! its cube is below rounding
-      real(wp) :: value, slope, half_bend, root, step
-      integer :: iteration, k
-
-      value = 0.0_wp
-      do k = ubound(c, 1), 0, -1
-         value = value*last + c(k)
-      end do
-      time = no_crossing
-      if (value > 0.0_wp) return
-      time = 0.0_wp
-      do iteration = 1, most_steps
-         value = 0.0_wp
-         slope = 0.0_wp
-         half_bend = 0.0_wp
-         do k = ubound(c, 1), 0, -1
-            half_bend = half_bend*time + slope
-            slope = slope*time + value
-            value = value*time + c(k)
-         end do
-         root = sqrt(max(slope**2 - 4.0_wp*half_bend*value, 0.0_wp))
-         if (.not. root - slope > 0.0_wp) exit
-         step = 2.0_wp*value/(root - slope)
-         time = time + step
-         if (.not. (time >= 0.0_wp .and. time <= last)) exit
-         if (abs(step) < last_step*last) return
-      end do
-      time = -1.0_wp
-   end function only_crossing
 
    !> The first zero by steps that cannot pass one.
    !>

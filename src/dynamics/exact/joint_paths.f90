@@ -8,15 +8,12 @@ module dynamics_exact_joint_paths
    implicit none(type, external)
    private
    public :: joint_paths, padded_rows, width
-   public :: layer_slider, layer_reach, layer_side, layer_spring, layer_hold, layer_lift
+   public :: layer_slider, layer_reach, layer_side, layer_spring
 
    integer, parameter :: width = 32   !! samples side by side
-   integer, parameter :: layer_slider = 1, layer_reach = 2, layer_side = 3, layer_spring = 4, &
-                         layer_hold = 5, layer_lift = 6
+   integer, parameter :: layer_slider = 1, layer_reach = 2, layer_side = 3, layer_spring = 4
    !> Reach of a joint that is never watched, as it has no friction or its lane no sample [m]
    real(wp), parameter :: boundless = 1.0e150_wp
-   !> Guards within this share of the reach count as suspect (5)
-   real(wp), parameter :: margin = 1.0e-6_wp
 
    !> Row r of x holds a path, x_0 + x_1 t + ... + x_P t^P with t from 0 to 1: power k in layer
    !> layer(k). Its end x(1), x'(1) goes to the layers finish(0:1), which the next part starts from.
@@ -44,8 +41,7 @@ module dynamics_exact_joint_paths
       !> (lane, place): the rows of all layers of x, then value and rise of the forces in the part
       real(wp), pointer, contiguous :: places(:, :) => null()
       !> (lane, joint, layer): z, mu N/k [m]; direction of slip, 0 stuck; weight of the spring in
-      !> its row's equation, 0 without friction; what finish_part adds to the guards, see `watch`.
-      !> The last joint is none: it is never suspect
+      !> its row's equation, 0 without friction. The last joint is none: it is never suspect
       real(wp), pointer, contiguous :: regime(:, :, :) => null()
       logical :: keeps_slack = .false.
       !> (lane, joint) where it is kept: lower bound of its guard in the part; suspects: negative
@@ -97,7 +93,7 @@ contains
       rows = padded_rows(self%n_rows)
       self%top = rows
       call self%memory%start(int(width, long)*(rows*(degree + 7) + 2*n_forces &
-                                               + 7*(self%n_joints + 1)))
+                                               + 5*(self%n_joints + 1)))
       call self%memory%take([width, rows*(degree + 5) + 2*n_forces, 1], planes)
       self%places => planes(:, :, 1)
       self%x(1:width, 1:rows, 0:degree + 4) => self%places(:, :rows*(degree + 5))
@@ -105,7 +101,7 @@ contains
       call self%memory%take([width, rows, 2], planes)
       self%stiffness => planes(:, :, 1)
       self%pull => planes(:, :, 2)
-      call self%memory%take([width, self%n_joints + 1, 6], self%regime)
+      call self%memory%take([width, self%n_joints + 1, 4], self%regime)
       call self%memory%take([width, self%n_joints + 1, 1], planes)
       self%slack => planes(:, :, 1)
    end subroutine start
@@ -157,10 +153,6 @@ contains
             self%regime(l, j, layer_spring) = self%spring(j)
          end do
       end do
-      associate (regime => self%regime)
-         call watch(regime(:, :, layer_side), regime(:, :, layer_reach), regime(:, :, layer_hold), &
-                    regime(:, :, layer_lift))
-      end associate
       self%pull = 0.0_wp
       do r = 1, self%n_rows
          self%stiffness(:, r) = self%base(r)
@@ -213,7 +205,6 @@ contains
                                                    slider_at(place, direction, reach), &
                                                    abs(side) > 0.0_wp)
          regime(lane, joint, layer_side) = side
-         call watch(side, reach, regime(lane, joint, layer_hold), regime(lane, joint, layer_lift))
       end associate
       row = self%row(joint)
       self%stiffness(lane, row) = self%base(row)
@@ -244,15 +235,5 @@ contains
                                                regime(lane, joint, layer_slider), moving > 0.0_wp)
       end associate
    end subroutine add_joint
-
-   !> Sets what the two guards start from, so that the one that does not count is never the least.
-   elemental subroutine watch(side, reach, hold, lift)
-      real(wp), intent(in) :: side   !! 0: stuck
-      real(wp), intent(in) :: reach
-      real(wp), intent(inout) :: hold, lift
-
-      hold = merge(boundless, (1.0_wp - margin)*reach, abs(side) > 0.0_wp)
-      lift = merge(-margin*reach, boundless, abs(side) > 0.0_wp)
-   end subroutine watch
 
 end module dynamics_exact_joint_paths

@@ -186,20 +186,10 @@ contains
       class(ledger_type), intent(inout) :: self
       integer, intent(in) :: lane, row
       real(wp), intent(in) :: time, power(3:)   !! tau; d
-      type(answer_type), allocatable :: more(:)
 
-      if (self%n_answers == size(self%answer)) then
-         allocate (more(2*self%n_answers))
-         more(:self%n_answers) = self%answer
-         call move_alloc(more, self%answer)
-      end if
+      if (self%n_answers == size(self%answer)) self%answer = [self%answer, self%answer]
       self%n_answers = self%n_answers + 1
-      associate (answer => self%answer(self%n_answers))
-         answer%lane = lane
-         answer%row = row
-         answer%time = time
-         answer%power = power
-      end associate
+      self%answer(self%n_answers) = answer_type(lane, row, time, power)
    end subroutine note_answer
 
 end module dynamics_exact_ledger

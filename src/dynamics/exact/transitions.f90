@@ -160,7 +160,7 @@ contains
 
    pure subroutine take_regimes(paths, own, regime, stiffness, group)
       type(joint_paths), intent(in) :: paths
-      real(wp), intent(in) :: own(n_near, paths%n_rows), regime(width, paths%n_joints + 1, 6)
+      real(wp), intent(in) :: own(n_near, paths%n_rows), regime(width, paths%n_joints + 1, 4)
       real(wp), intent(in) :: stiffness(width, paths%top)
       type(transition_group), intent(inout) :: group
       integer :: e, j, l, row
