@@ -15,7 +15,6 @@ module dynamics_alignment
    contains
       procedure :: start
       procedure :: take
-      procedure :: free
    end type aligned_memory
 
 contains
@@ -26,7 +25,7 @@ contains
       integer(long), intent(in) :: n   !! reals
       integer(c_intptr_t), parameter :: line = 64
 
-      call self%free()
+      if (allocated(self%memory)) deallocate (self%memory)
       allocate (self%memory(n + register_width), source=0.0_wp)
       self%next = 1 + int(modulo(-transfer(c_loc(self%memory), 0_c_intptr_t), line))/8
    end subroutine start
@@ -42,12 +41,6 @@ contains
       call c_f_pointer(c_loc(self%memory(self%next)), planes, extents)
       self%next = self%next + size(planes, kind=long)
    end subroutine take
-
-   subroutine free(self)
-      class(aligned_memory), intent(inout) :: self
-
-      if (allocated(self%memory)) deallocate (self%memory)
-   end subroutine free
 
    !> n, padded to whole registers.
    pure integer function whole_registers(n)

@@ -24,7 +24,7 @@ module dynamics_exact_base_system
       logical :: is_kept = .false. !! `take` finds them there
       type(joint_paths) :: paths
    contains
-      !> Gets memory for a march, paths among it; paths%free() and the next begin give it back.
+      !> Gets memory for a march, paths among it; the next begin gives it back.
       procedure(act), deferred :: begin
       !> Takes samples paths%first_sample, ... from the block: displacements and velocities, or what
       !> has been kept of them.

@@ -8,13 +8,24 @@ module dynamics_exact_block_march
    use dynamics_exact_transitions, only: clear, examine, find_next, group_size, plain, &
                                          take_answer, take_suspects, transition_group
    use dynamics_joint, only: dissipate
-   use dynamics_response, only: block_state
-   use structure_model, only: structure_type
+   use dynamics_response, only: block_state, marcher_type
    implicit none(type, external)
    private
-   public :: march_block
+   public :: exact_march
 
    integer, parameter :: records_together = 32
+
+   !> Marches a structure by its base system.
+   type, extends(marcher_type) :: exact_march
+      real(wp) :: tolerance = 0.0_wp     !! displacement error relative to its rms
+      integer :: parts = 1               !! of a step
+      character(:), allocatable :: form  !! 'power series' or 'modes'
+      !> Multiplications of one sample in a step; huge where it cannot be done.
+      real(wp) :: work_series = huge(1.0_wp), work_modes = huge(1.0_wp)
+      class(base_system), allocatable :: base
+   contains
+      procedure :: advance
+   end type exact_march
 
    !> Groups of transitions of a part, and records that are not yet handed on.
    type :: march_room
@@ -28,61 +39,60 @@ module dynamics_exact_block_march
 
 contains
 
-   !> Marches on by as many steps as the force has intervals; see marcher_type.
-   subroutine march_block(base, structure, parts, state, force, every, displacement, velocity, &
-                          error)
-      class(base_system), intent(inout) :: base
-      type(structure_type), intent(in) :: structure
-      integer, intent(in) :: parts   !! of a step
+   !> See marcher_type.
+   subroutine advance(self, state, force, every, displacement, velocity, error)
+      class(exact_march), intent(inout) :: self
       type(block_state), intent(inout) :: state
       real(wp), intent(in) :: force(0:, :)
       integer, intent(in) :: every
-      real(wp), intent(inout) :: displacement(:, :, :)
-      real(wp), intent(inout), optional :: velocity(:, :, :)
+      real(wp), intent(out) :: displacement(:, :, :)
+      real(wp), intent(out), optional :: velocity(:, :, :)
       type(error_type), allocatable, intent(out) :: error
       type(march_room) :: room
       integer :: first, last, part, step
 
-      base%keeps_ledger = state%keeps_ledger
-      call base%begin()
-      call find_kept(base, state)
-      room%is_independent = all(base%paths%is_local) .and. all(base%paths%free_span >= 1.0_wp)
-      room%has_frictionless = any(.not. state%slip_limit > 0.0_wp)
-      allocate (room%groups(1))
-      allocate (room%displacement(width, state%n_dof, merge(records_together, 0, &
-                                                            size(displacement) > 0)))
-      allocate (room%velocity(width, merge(state%n_dof, 0, present(velocity)), &
-                              size(room%displacement, 3)))
-      samples: do first = 1, state%n_samples, width
-         base%paths%first_sample = first
-         last = min(first + width - 1, state%n_samples)
-         base%paths%n_samples = last - first + 1
-         call base%take(state)
-         call base%paths%take_in(structure%joint_stiffness, state)
-         base%works(:last - first + 1, 1) = state%work_input(first:last)
-         base%works(:last - first + 1, 2) = state%work_viscous(first:last)
-         room%n_records = 0
-         do step = 0, ubound(force, 1) - 1
-            do part = 0, parts - 1
-               call set_force(base, force, step, real(part, wp)/parts, 1.0_wp/parts)
-               call march_part(base, real((state%step + step)*parts + part, wp), state, room, error)
-               if (allocated(error)) exit samples
-            end do
-            if (size(displacement) > 0) then
+      associate (base => self%base, structure => self%structure)
+         base%keeps_ledger = state%keeps_ledger
+         call base%begin()
+         call find_kept(base, state)
+         room%is_independent = all(base%paths%is_local) .and. all(base%paths%free_span >= 1.0_wp)
+         room%has_frictionless = any(.not. state%slip_limit > 0.0_wp)
+         allocate (room%groups(1))
+         allocate (room%displacement(width, state%n_dof, merge(records_together, 0, &
+                                                               size(displacement) > 0)))
+         allocate (room%velocity(width, merge(state%n_dof, 0, present(velocity)), &
+                                 size(room%displacement, 3)))
+         do first = 1, state%n_samples, width
+            base%paths%first_sample = first
+            last = min(first + width - 1, state%n_samples)
+            base%paths%n_samples = last - first + 1
+            call base%take(state)
+            call base%paths%take_in(structure%joint_stiffness, state)
+            base%works(:last - first + 1, 1) = state%work_input(first:last)
+            base%works(:last - first + 1, 2) = state%work_viscous(first:last)
+            room%n_records = 0
+            do step = 0, ubound(force, 1) - 1
+               do part = 0, self%parts - 1
+                  call set_force(base, force, step, real(part, wp)/self%parts, 1.0_wp/self%parts)
+                  call march_part(base, real((state%step + step)*self%parts + part, wp), state, &
+                                  room, error)
+                  if (allocated(error)) return
+               end do
+               if (size(displacement) == 0) cycle
                if (modulo(state%step + step + 1, int(every, long)) == 0) &
                   call keep_record(base, displacement, velocity, room)
-            end if
+            end do
+            call hand_on(base, displacement, velocity, room)
+            state%work_input(first:last) = base%works(:last - first + 1, 1)
+            state%work_viscous(first:last) = base%works(:last - first + 1, 2)
+            call base%give(state)
+            call base%paths%hand_back(structure%direction, state)
          end do
-         call hand_on(base, displacement, velocity, room)
-         state%work_input(first:last) = base%works(:last - first + 1, 1)
-         state%work_viscous(first:last) = base%works(:last - first + 1, 2)
-         call base%give(state)
-         call base%paths%hand_back(structure%direction, state)
-      end do samples
-      state%kept_step = state%step + ubound(force, 1)
-      if (state%keeps_ledger) call dissipate(structure, state)
-      call base%paths%free()
-   end subroutine march_block
+         state%step = state%step + ubound(force, 1)
+         state%kept_step = state%step
+         if (state%keeps_ledger) call dissipate(structure, state)
+      end associate
+   end subroutine advance
 
    !> Finds if the block holds what this march has kept, or makes room for it.
    pure subroutine find_kept(base, state)

@@ -30,9 +30,10 @@ contains
       associate (x => paths%x)
          do k = 0, series%degree - 2
             call next_power(series%operators(k), turn, paths%stiffness, paths%pull, paths%places)
-            if (series%n_links > 0) call push_links(paths%top, series, k, x(1, 1, paths%layer(k)), &
-                                                    paths%stiffness, paths%pull, x(1, 1, k + 2))
-            if (series%n_links > 0) call follow_links(paths%top, series, x(1, 1, k + 2))
+            if (series%n_links == 0) cycle
+            call push_links(paths%top, series, k, x(1, 1, paths%layer(k)), paths%stiffness, &
+                            paths%pull, x(1, 1, k + 2))
+            call follow_links(paths%top, series, x(1, 1, k + 2))
          end do
       end associate
    end subroutine expand_block
@@ -44,20 +45,15 @@ contains
       real(wp), intent(in), dimension(width, top) :: x0, stiffness, pull
       real(wp), intent(inout) :: x2(width, top)
       real(wp) :: force(width), pulls
-      integer :: e, g, l, row
+      integer :: e, g, row
 
       pulls = merge(1.0_wp, 0.0_wp, k == 0)
       do g = 1, series%n_links
          row = series%n_dof + g
-         do l = 1, width
-            force(l) = (stiffness(l, row)*x0(l, row) - pulls*pull(l, row)) &
-                       *(1.0_wp/((k + 1)*(k + 2)))
-         end do
+         force = (stiffness(:, row)*x0(:, row) - pulls*pull(:, row))*(1.0_wp/((k + 1)*(k + 2)))
          do e = series%links%start(g), series%links%start(g + 1) - 1
             associate (dof => series%links%column(e))
-               do l = 1, width
-                  x2(l, dof) = x2(l, dof) - series%mobility(e)*force(l)
-               end do
+               x2(:, dof) = x2(:, dof) - series%mobility(e)*force
             end associate
          end do
       end do
@@ -68,19 +64,15 @@ contains
       integer, intent(in) :: top   !! rows
       type(series_type), intent(in) :: series
       real(wp), intent(inout) :: x(width, top)
-      real(wp) :: path(width)
-      integer :: e, g, l
+      integer :: e, g
 
       do g = 1, series%n_links
-         path = 0.0_wp
-         do e = series%links%start(g), series%links%start(g + 1) - 1
-            do l = 1, width
-               path(l) = path(l) + series%links%value(e)*x(l, series%links%column(e))
+         associate (path => x(:, series%n_dof + g))
+            path = 0.0_wp
+            do e = series%links%start(g), series%links%start(g + 1) - 1
+               path = path + series%links%value(e)*x(:, series%links%column(e))
             end do
-         end do
-         do l = 1, width
-            x(l, series%n_dof + g) = path(l)
-         end do
+         end associate
       end do
    end subroutine follow_links
 

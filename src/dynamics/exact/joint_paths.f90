@@ -53,7 +53,6 @@ module dynamics_exact_joint_paths
       type(aligned_memory), private :: memory
    contains
       procedure :: start
-      procedure :: free
       procedure :: exchange_ends
       procedure :: take_in
       procedure :: hand_back
@@ -75,6 +74,8 @@ contains
       self%degree = degree
       self%n_rows = size(base)
       self%n_joints = size(row)
+      if (allocated(self%row)) deallocate (self%row, self%base, self%spring, self%suspect, &
+                                           self%layer)
       allocate (self%row, source=row)   ! assigned, gfortran 12 reads bounds that are not there yet
       allocate (self%base, source=base)
       allocate (self%spring, source=spring)
@@ -112,15 +113,6 @@ contains
 
       padded_rows = n_rows + modulo(n_rows + 1, 2)
    end function padded_rows
-
-   !> Gives the memory back; the next march starts anew.
-   subroutine free(self)
-      class(joint_paths), intent(inout) :: self
-
-      call self%memory%free()
-      if (allocated(self%layer)) deallocate (self%row, self%base, self%spring, self%suspect, &
-                                             self%layer)
-   end subroutine free
 
    !> Makes the end of a part the start of the next one.
    pure subroutine exchange_ends(self)

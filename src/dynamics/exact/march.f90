@@ -5,32 +5,19 @@ module dynamics_exact_march
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
    use core_text, only: rounded_text, to_text
-   use dynamics_exact_base_system, only: base_system
-   use dynamics_exact_block_march, only: march_block
+   use dynamics_exact_block_march, only: exact_march
    use dynamics_exact_modal_form, only: modal_form, new_modal_form
    use dynamics_exact_modal_sliders, only: lanes
    use dynamics_exact_modal_terms, only: longest_in_parts
    use dynamics_exact_series, only: fastest_rate, longest_part
    use dynamics_exact_series_form, only: new_series_form, series_form
-   use dynamics_response, only: block_state, march_work, marcher_type
+   use dynamics_response, only: march_work
    use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: check_exact, exact_march, new_exact_march, parts_of_step
 
    integer, parameter :: most_parts = 4096   !! of a step; more are refused
-
-   !> Marches a structure by its base system.
-   type, extends(marcher_type) :: exact_march
-      real(wp) :: tolerance = 0.0_wp     !! displacement error relative to its rms
-      integer :: parts = 1               !! of a step
-      character(:), allocatable :: form  !! 'power series' or 'modes'
-      !> Multiplications of one sample in a step; huge where it cannot be done.
-      real(wp) :: work_series = huge(1.0_wp), work_modes = huge(1.0_wp)
-      class(base_system), allocatable :: base
-   contains
-      procedure :: advance
-   end type exact_march
 
 contains
 
@@ -166,21 +153,5 @@ contains
       parts = 1.0_wp
       if (structure%has_lumped_mass()) parts = fastest_rate(structure)*dt/longest_part
    end function parts_of_step
-
-   !> See marcher_type.
-   subroutine advance(self, state, force, every, displacement, velocity, error)
-      class(exact_march), intent(inout) :: self
-      type(block_state), intent(inout) :: state
-      real(wp), intent(in) :: force(0:, :)
-      integer, intent(in) :: every
-      real(wp), intent(out) :: displacement(:, :, :)
-      real(wp), intent(out), optional :: velocity(:, :, :)
-      type(error_type), allocatable, intent(out) :: error
-
-      call march_block(self%base, self%structure, self%parts, state, force, every, displacement, &
-                       velocity, error)
-      if (allocated(error)) return
-      state%step = state%step + ubound(force, 1)
-   end subroutine advance
 
 end module dynamics_exact_march

@@ -168,7 +168,7 @@ contains
       type(local_answers), intent(in) :: answers
       type(transition_group), intent(in) :: group
       real(wp), intent(inout), dimension(width, top) :: place, velocity   !! at the end of the part
-      real(wp) :: ends(2 + 2*n_near), more, more_velocity
+      real(wp) :: ends(2 + 2*n_near)
       integer :: e, i, l, row
 
       l = group%lane(entry)
@@ -179,15 +179,11 @@ contains
       do e = answers%first(row), answers%first(row + 1) - 1
          i = answers%dof(e)
          associate (weight => answers%value(:, e))
-            more = weight(1)*ends(3) + weight(2)*ends(5)
-            more_velocity = weight(1)*ends(4) + weight(2)*ends(6)
-            if (group%n_sums > 2) then
-               more = more + (weight(3)*ends(7) + weight(4)*ends(9))
-               more_velocity = more_velocity + (weight(3)*ends(8) + weight(4)*ends(10))
-            end if
+            place(l, i) = place(l, i) + ((weight(1)*ends(3) + weight(2)*ends(5)) &
+                                         + (weight(3)*ends(7) + weight(4)*ends(9)))
+            velocity(l, i) = velocity(l, i) + ((weight(1)*ends(4) + weight(2)*ends(6)) &
+                                               + (weight(3)*ends(8) + weight(4)*ends(10)))
          end associate
-         place(l, i) = place(l, i) + more
-         velocity(l, i) = velocity(l, i) + more_velocity
       end do
    end subroutine add_answer
 

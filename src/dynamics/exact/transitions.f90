@@ -30,7 +30,6 @@ module dynamics_exact_transitions
    !> group, so that they are vector operations.
    type :: transition_group
       integer :: n = 0
-      integer :: n_sums = n_near   !! that are not zero, of those around a joint (7)
       integer, dimension(group_size) :: suspect, lane, joint, row, verdict   !! suspect: of the list
       real(wp), dimension(group_size) :: time       !! tau, from the start of the part [parts]
       real(wp), dimension(group_size) :: side = 0.0_wp   !! of the slip that ends; 0: it starts
@@ -124,7 +123,6 @@ contains
       integer :: e
 
       group%n = size(list)
-      group%n_sums = min(n_near, degree - 4)
       do e = 1, group%n
          group%suspect(e) = list(e)
          group%lane(e) = 1 + iand(list(e) - 1, width - 1)
@@ -173,10 +171,7 @@ contains
          group%reach(e) = regime(l, j, layer_reach)
          group%side(e) = regime(l, j, layer_side)
          group%spring(e) = regime(l, j, layer_spring)
-         group%own(e, 1) = own(1, row)
-         group%own(e, 2) = own(2, row)
-         group%own(e, 3) = own(3, row)
-         group%own(e, 4) = own(4, row)
+         group%own(e, :) = own(:, row)
          group%stiffness(e) = stiffness(l, row)
       end do
    end subroutine take_regimes
