@@ -4,8 +4,8 @@ module driver_judge_results
    use campaign_plan, only: add_audits, plan_type
    use campaign_pooling, only: fewest_samples, sharing_cases
    use campaign_results, only: case_statistics, of_slip
-   use campaign_samples_needed, only: find_need, needs_more_samples, slip_error, slip_error_of, &
-      statistical_error, with_own_records
+   use campaign_samples_needed, only: find_need, is_of_record, needs_more_samples, slip_error, &
+      slip_error_of, statistical_error, with_own_records
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: brief, counted, numbers_text, to_text
@@ -61,20 +61,19 @@ contains
       character(:), allocatable, intent(out) :: text
       type(error_type), allocatable, intent(out) :: error
       type(case_errors), allocatable :: errors(:)
-      real(wp) :: statistical
+      type(slip_error) :: one, largest
       integer :: i
 
       text = ''
       call read_errors(path, count(plan%cases%audits == 0), errors, error)
       if (allocated(error)) return
-      statistical = 0.0_wp
+      largest = slip_error(samples=[0.0_wp], record=[0.0_wp])
       do i = 1, size(errors)
-         if (allocated(errors(i)%statistics%numbers(of_slip)%mean_error)) &
-            statistical = max(statistical, statistical_error( &
-                              slip_error_of(errors(i)%statistics, errors(i)%ratio, 0, .false.)))
+         if (.not. allocated(errors(i)%statistics%numbers(of_slip)%mean_error)) cycle
+         one = slip_error_of(errors(i)%statistics, errors(i)%ratio, 0, .false.)
+         if (statistical_error(one) > statistical_error(largest)) largest = one
       end do
-      if (statistical > 0.0_wp .and. statistical < huge(1.0_wp)) &
-         text = 'mean time in slip: standard error at most '//brief(statistical)//' points'
+      text = mean_words(plan, largest)
       if (any(errors%n_audited > 0)) then
          if (text == '') text = 'mean time in slip'
          text = text//', numerical error '//brief(maxval(errors%slip_points))//' points'
@@ -89,6 +88,25 @@ contains
                 ': integration%n_steps is too short there, or the motion does not repeat'
       end if
    end subroutine tell_errors
+
+   !> The largest standard error of a mean time in slip, and what does not lower it; '' where there
+   !> is none.
+   pure function mean_words(plan, error) result(text)
+      type(plan_type), intent(in) :: plan
+      type(slip_error), intent(in) :: error
+      character(:), allocatable :: text
+
+      text = ''
+      if (.not. plan%output%slip) return
+      if (statistical_error(error) >= huge(1.0_wp)) then
+         text = 'mean time in slip: the march is too short to tell its standard error'
+      else if (statistical_error(error) > 0.0_wp) then
+         text = 'mean time in slip: standard error at most '//brief(statistical_error(error))// &
+                ' points'
+         if (is_of_record(error)) text = text//' (most of it time-average error: more steps '// &
+                                         'lower it, more samples do not)'
+      end if
+   end function mean_words
 
    !> Numerical errors of one case that are surely above the targets, by twice the standard error
    !> that an audit of a share of the samples leaves; a line each.

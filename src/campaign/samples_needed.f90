@@ -14,7 +14,7 @@ module campaign_samples_needed
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
-   public :: error_with, find_need, needs_more_samples, slip_error, slip_error_of, &
+   public :: error_with, find_need, is_of_record, needs_more_samples, slip_error, slip_error_of, &
              statistical_error, with_own_records
 
    real(wp), parameter :: points = 100.0_wp     !! of percent in a fraction
@@ -63,6 +63,13 @@ contains
       statistical_error = huge(1.0_wp)
       if (allocated(error%record)) statistical_error = maxval(hypot(error%samples, error%record))
    end function statistical_error
+
+   !> True if the record that all samples share makes more than half of the error's variance.
+   pure logical function is_of_record(error)
+      type(slip_error), intent(in) :: error   !! that is known
+
+      is_of_record = 2*maxval(error%record)**2 > statistical_error(error)**2
+   end function is_of_record
 
    !> True if the error is above the target and more samples alone can bring it there.
    pure logical function needs_more_samples(error, target)

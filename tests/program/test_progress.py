@@ -12,6 +12,14 @@ from tests.program.terminal import said_on_a_terminal
 
 PROGRESS = re.compile(r"\d+ of 602 samples, \d+ %")
 RATE = re.compile(r"\d+ of 602 samples, \d+ %, [\d.]+ a (second|minute), [\d:]+ left")
+ONE_RECORD = """\
+&process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.01 /
+&chain n_dof = 1 /
+&excitation variance = 10.0 /
+&integration method = 'event' n_steps = 2000 /
+&campaign n_samples = 30 /
+&output quantities = 'slip' /
+"""
 
 
 @pytest.fixture
@@ -40,10 +48,24 @@ def test_the_summary_tells_what_was_done_how_long_it_took_and_how_sure_it_is(com
     what, how = done.stdout.splitlines()  # no progress in a log before a minute is over
     assert what == "1 process, 4 cases, 602 samples, 14 repeated in r.h5"
     assert re.fullmatch(
-        r"(less than 1|[\d.]+) s; mean time in slip: standard error at most [\d.]+ points, "
+        r"(less than 1|[\d.]+) s; mean time in slip: standard error at most [\d.]+ points \(.+\), "
         r"numerical error [\d.e-]+ points",
         how,
     )
+
+
+def test_the_summary_says_what_more_samples_do_not_lower(entroslip, tmp_path):
+    """Of one record for all samples, of a record for each, and of fewer than 512 steps."""
+    (tmp_path / "s.nml").write_text(ONE_RECORD)
+    of_time = "points (most of it time-average error: more steps lower it, more samples do not)"
+    for option, ending in (
+        ("excitation%per_sample=.false.", of_time),
+        ("excitation%per_sample=.true.", "points"),
+        ("integration%n_steps=511", "the march is too short to tell its standard error"),
+    ):
+        done = entroslip("run", "s.nml", "--fresh", "--set", option)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.splitlines()[-1].endswith(ending), done.stdout
 
 
 def test_quiet_is_quiet(command, entroslip):
