@@ -40,7 +40,7 @@ class Case:
     def __repr__(self) -> str:
         """Short: what it is a case of."""
         samples = f"{self.n_samples} sample{'s' if self.n_samples > 1 else ''}"
-        return f"<{self.name}: process {self.process}, {self.level}, {samples}>"
+        return f"<{self.name}: process {self.process}, {self.force}, {samples}>"
 
     @property
     def process(self) -> str:

@@ -38,10 +38,14 @@ contains
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: foreseen(:)
       character(:), allocatable :: text, order, law
-      integer :: i
+      integer :: i, width
 
-      text = 'process  method         correlation  order  mean   std     law        solution'// &
-             line_feed
+      width = len('correlation') + 2
+      do i = 1, min(size(plan%processes), max_rows)
+         width = max(width, len(length_text(plan%processes(i))) + 2)
+      end do
+      text = 'process  method         '//padded('correlation', width)// &
+             'order  mean   std     law        solution'//line_feed
       do i = 1, min(size(plan%processes), max_rows)
          associate (p => plan%processes(i))
             order = to_text(p%order)
@@ -53,7 +57,7 @@ contains
                order = '-'
             end if
             text = text//padded(numbered('p', i), 9)//padded(trim(p%method), 15)// &
-                   padded(length_text(p), 13)//padded(order, 7)// &
+                   padded(length_text(p), width)//padded(order, 7)// &
                    padded(brief(p%mean), 7)//padded(brief(p%std), 8)//padded(law, 11)// &
                    verdict(foreseen(i))//line_feed
          end associate

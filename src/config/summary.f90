@@ -137,27 +137,40 @@ contains
       end do
    end function case_table
 
-   !> Those of the cases from first to last, a long list cut in the middle.
-   function levels_text(plan, first, last) result(text)
+   !> Levels of the cases from first to last; of sines with the frequencies, which vary fastest.
+   pure function levels_text(plan, first, last) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: first, last
       character(:), allocatable :: text
-      integer, parameter :: shown = 6
-      real(wp), allocatable :: levels(:)
-      integer :: i
+      real(wp) :: levels(last - first + 1)
+      integer :: n
 
       levels = strength_of(plan%cases(first:last))
-      if (plan%excitation%kind == 'sine') &   ! each at all frequencies
-         levels = levels(::count(abs(levels - levels(1)) <= 0.0_wp))
-      text = brief(levels(1))
-      do i = 2, size(levels)
-         if (i <= shown .or. i == size(levels)) then
-            text = text//', '//brief(levels(i))
+      if (plan%excitation%kind == 'sine') then
+         n = count(abs(levels - levels(1)) <= 0.0_wp)   ! each amplitude at all frequencies
+         text = shortened(levels(::n))//', each at '// &
+                shortened(plan%cases(first:first + n - 1)%frequency)//' Hz'
+      else
+         text = shortened(levels)
+      end if
+   end function levels_text
+
+   !> A list of numbers, cut in the middle if it is long.
+   pure function shortened(numbers) result(text)
+      real(wp), intent(in) :: numbers(:)
+      character(:), allocatable :: text
+      integer, parameter :: shown = 6
+      integer :: i
+
+      text = brief(numbers(1))
+      do i = 2, size(numbers)
+         if (i <= shown .or. i == size(numbers)) then
+            text = text//', '//brief(numbers(i))
          else if (i == shown + 1) then
             text = text//', ...'
          end if
       end do
-   end function levels_text
+   end function shortened
 
    !> The force, without where it acts.
    pure function force_text(plan) result(text)
@@ -211,7 +224,7 @@ contains
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text, method, steps
       real(wp), parameter :: fewest_steps = 10.0_wp   ! the period is wrong by (omega dt)^2/12: 3 %
-      real(wp) :: finest
+      real(wp) :: finest, span
 
       associate (chain => plan%structure, how => plan%integration, excitation => plan%excitation, &
                  n => plan%structure%n_dof)
@@ -223,8 +236,13 @@ contains
          method = 'event, tolerance '//brief(how%tolerance)
          if (how%method == 'newmark') &
             method = 'newmark, at most '//counted(how%max_halvings, 'halving', 'halvings')
-         steps = to_text(how%n_steps)//' steps of '//to_text(how%dt)//' s, '// &
-                 duration(how%n_steps*how%dt)
+         span = how%n_steps*how%dt
+         steps = to_text(how%n_steps)//' steps of '//to_text(how%dt)//' s, '
+         if (span < 1.0_wp) then   ! no time of work, which would be "less than 1 s"
+            steps = steps//brief(span)//' s'
+         else
+            steps = steps//duration(span)
+         end if
          if (how%n_discard > 0) steps = steps//', the first '//to_text(how%n_discard)//' discarded'
          text = text//labelled('integration', method//', '//steps)
          if (how%method == 'newmark') then   ! the exact march has no error of periods

@@ -66,6 +66,24 @@ def test_what_a_statistical_target_takes_is_foreseen(entroslip, tmp_path):
     assert max(map(len, one.splitlines())) <= 80
 
 
+def test_the_columns_of_processes_are_as_wide_as_their_texts(entroslip, tmp_path):
+    both = "correlation = 'both' correlation_length = 0.6 second_length = 1.2 order = 4"
+    group = "&process mean = 1.0 std = 0.3 positive = .false. {} /\n"
+    (tmp_path / "s.nml").write_text(
+        group.format(both) + group.format("correlation_length = 1.0 order = 3")
+    )
+    heading, *rows = entroslip("check", "s.nml").stdout.split("\n\n")[1].splitlines()[:3]
+    assert [row[heading.index("order") :].split()[0] for row in rows] == ["4", "3"]
+    assert [row.endswith("any sign   feasible") for row in rows] == [True, True]
+
+
+def test_the_time_of_a_short_march_is_said(entroslip, tmp_path):
+    (tmp_path / "s.nml").write_text(CHAIN.replace("&chain", "&chain friction = 0.2"))
+    short = ("--set", "integration%dt=1.4e-4", "--set", "excitation%band=0,100")
+    assert "1000 steps of 0.00843 s, 8.43 s\n" in entroslip("check", "s.nml").stdout
+    assert "1000 steps of 1.4E-4 s, 0.14 s\n" in entroslip("check", "s.nml", *short).stdout
+
+
 def test_what_is_repeated_is_foreseen(entroslip, tmp_path):
     (tmp_path / "scene.nml").write_text(MOTION)
     said = entroslip("check", "scene.nml", *NO_TARGET).stdout

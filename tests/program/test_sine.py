@@ -6,6 +6,7 @@ import h5py
 import numpy as np
 
 from entroslip.bits import scene_bits
+from entroslip.results import open_results
 
 SINES = """\
 &process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.05 /
@@ -56,6 +57,17 @@ def test_the_force_is_told(entroslip, tmp_path):
     one = ("--set", "excitation%frequency=1.2")
     assert "force        sines from 0.8 to 1.2 Hz " in entroslip("check", "s.nml").stdout
     assert "force        sine of 1.2 Hz " in entroslip("check", "s.nml", *one).stdout
+
+
+def test_the_order_of_sines_is_told(entroslip, tmp_path):
+    (tmp_path / "s.nml").write_text(SINES)
+    said = entroslip("check", "s.nml").stdout
+    assert "c005-c008  p001     3        0.5, 3, each at 0.8, 1.2 Hz\n" in said
+    assert entroslip("run", "s.nml").returncode == 0
+    results = open_results(tmp_path / "s.h5")
+    forces = ["0.5 N at 0.8 Hz", "0.5 N at 1.2 Hz", "3 N at 0.8 Hz", "3 N at 1.2 Hz"]
+    assert [case.force for case in results.cases] == 2 * forces
+    assert "<c006: process p001, 0.5 N at 1.2 Hz, 3 samples>" in repr(results)
 
 
 def test_amplitudes_are_estimated_by_regression(entroslip, tmp_path):
