@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from .results import Results
 Records = list[NDArray[np.float64]]  # (point) of each joint line; NaN: not measured
 
 FEWEST_COPIES = 40  # of the measurement, among the realizations: the least whose 2.5 % is any
+_BLANK = str.maketrans(",;", "  ")
 _LAGS = 8  # as `entroslip estimate` tests
 _INNER = (0.025, 0.5, 0.975)
 _MOST_RECORDS = 8  # told apart
@@ -28,7 +30,7 @@ def read_measured(path: Path) -> Records:
     """Records of a file that `entroslip estimate` read: one a line, or one value a line."""
     try:
         lines = readable(path.read_bytes()).splitlines()
-        words = [line.split("#")[0].replace(",", " ").split() for line in lines]
+        words = [re.split("[#!]", line)[0].translate(_BLANK).split() for line in lines]
         records = [np.array(row, dtype=float) for row in words if row]
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: {getattr(error, 'strerror', None) or error}") from error

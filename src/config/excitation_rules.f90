@@ -133,7 +133,7 @@ contains
       call reader%require(path /= '', group, 'psd', 'no such file')
       if (path == '') return
       n_before = reader%complaints%n
-      call read_table(path, '#!', 2, 2, table, reader%complaints)
+      call read_table(path, 2, 2, table, reader%complaints)
       if (reader%complaints%n > n_before) return
       do i = 1, table%n_rows
          if (table%value(1, i) < 0.0_wp .or. table%value(1, i)*scene%integration%dt > 0.5_wp) &

@@ -14,8 +14,8 @@ module config_force_file
 
 contains
 
-   !> Reads a force file: one column for each force, or the time before them; # and ! start a
-   !> comment. Every bad line is a complaint.
+   !> Reads a force file: one column for each force, or the time before them. Every bad line is a
+   !> complaint.
    subroutine read_force_text(path, n_forces, dt, force, complaints)
       character(*), intent(in) :: path
       integer, intent(in) :: n_forces
@@ -26,7 +26,7 @@ contains
       integer :: n_before, n_columns
 
       n_before = complaints%n
-      call read_table(path, '#!', n_forces, n_forces + 1, table, complaints)
+      call read_table(path, n_forces, n_forces + 1, table, complaints)
       allocate (force(0:table%n_rows - 1, n_forces))
       if (complaints%n > n_before .or. table%n_rows == 0) return
       n_columns = table%n_columns(1)

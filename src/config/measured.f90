@@ -1,13 +1,12 @@
 !> Measured values in a text file: one record a line, or one value a line and then one record.
 !>
-!> Values stand between blanks or commas, but 0,3 is refused; `nan` is a gap. The rest of a
-!> line behind # is a comment.
+!> Lines are as in core_table; `nan` is a gap.
 module config_measured
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use core_complaints, only: complaint_list, printable
    use core_kinds, only: wp
    use core_source, only: read_source, source_type
-   use core_table, only: next_word
+   use core_table, only: data_line, next_word, no_value, number_marks, separate_commas
    use core_text, only: lowered, parse_real, to_text
    use process_estimate, only: measured_record
    implicit none(type, external)
@@ -24,7 +23,7 @@ contains
       character(*), intent(in) :: path
       type(measured_record), allocatable, intent(out) :: records(:)
       type(complaint_list), intent(inout) :: complaints
-      character(:), allocatable :: line, refusal
+      character(:), allocatable :: refusal
       real(wp), allocatable :: values(:)   ! of all records, one behind the other
       integer, allocatable :: last(:)      ! (record, from 0) its last value among them
       type(source_type) :: source
@@ -40,11 +39,9 @@ contains
       last(0) = 0
       n_records = 0
       do number = 1, source%n_lines()
-         line = source%line(number)
-         i = index(line, '#')
-         if (i > 0) line = line(:i - 1)
          n = last(n_records)
-         call read_record(path//':'//to_text(number), line, values, n, complaints)
+         call read_record(path//':'//to_text(number), data_line(source, number, number_marks), &
+                          values, n, complaints)
          if (n == last(n_records)) cycle
          n_records = n_records + 1
          last(n_records) = n
@@ -67,21 +64,19 @@ contains
       real(wp), allocatable, intent(inout) :: values(:)
       integer, intent(inout) :: n
       type(complaint_list), intent(inout) :: complaints
-      character(:), allocatable :: rule, text
+      character(len(line)) :: text
+      character(:), allocatable :: rule
       real(wp) :: value
-      integer :: first, i, last, n_before
+      integer :: first, last, n_before
 
-      call find_decimal_comma(line, first, last)
-      if (first <= last) then
+      text = line
+      call separate_commas(text, first, last, rule)
+      if (allocated(rule)) then
+         if (rule == no_value) rule = rule//'; nan says that none was measured'
          call complaints%add_general(place//': '//printable(line(first:min(last, first + 39)))// &
-                                     ': decimals follow a point; a comma between values has a '// &
-                                     'blank behind it')
+                                     ': '//rule)
          return
       end if
-      text = line
-      do i = 1, len(text)
-         if (text(i:i) == ',') text(i:i) = ' '
-      end do
       n_before = n
       last = 0
       do
@@ -108,23 +103,5 @@ contains
          values(n) = value
       end do
    end subroutine read_record
-
-   !> Finds a word such as 0,3: digits with one comma among them; first > last: there is none.
-   pure subroutine find_decimal_comma(line, first, last)
-      character(*), intent(in) :: line
-      integer, intent(out) :: first, last
-      integer :: comma
-
-      last = 0
-      do
-         call next_word(line, first, last)
-         if (first > last) return
-         associate (word => line(first:last))
-            comma = index(word, ',')
-            if (comma > 1 .and. comma < len(word) .and. comma == index(word, ',', back=.true.) &
-                .and. verify(word, '+-0123456789,') == 0) return
-         end associate
-      end do
-   end subroutine find_decimal_comma
 
 end module config_measured

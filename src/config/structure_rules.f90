@@ -160,7 +160,7 @@ contains
       n_points = merge(scene%structure%n_points, scene%chain%n_dof, scene%has_structure)
       if (path == '' .or. n_points == 0) return
       n_before = reader%complaints%n
-      call read_table(path, '#', n_points, n_points, table, reader%complaints)
+      call read_table(path, n_points, n_points, table, reader%complaints)
       do i = 1, table%n_rows
          if (minval(table%value(:, i)) < 0.0_wp) &
             call table%refuse_row(i, 'friction', to_text(minval(table%value(:, i))), &

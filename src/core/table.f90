@@ -1,4 +1,5 @@
-!> Tables of numbers in text files: one row a line, its values between blanks or semicolons.
+!> Tables of numbers in text files: one row a line, its values between blanks, commas or semicolons.
+!> The rest of a line behind # or ! is a comment.
 module core_table
    use core_complaints, only: complaint_list, printable
    use core_kinds, only: wp
@@ -6,9 +7,13 @@ module core_table
    use core_text, only: parse_real, to_text
    implicit none(type, external)
    private
-   public :: next_word, parse_row, parse_rows, read_table, table_type
+   public :: data_line, next_word, parse_row, parse_rows, read_table, separate_commas, table_type
 
-   character(*), parameter :: blanks = ' ;'//achar(9)//achar(13)
+   character(*), parameter :: white = ' '//achar(9)//achar(13)
+   character(*), parameter :: blanks = white//';'
+   character(*), parameter, public :: number_marks = '#!'   !! begin a comment among numbers
+   !> Rule of separate_commas.
+   character(*), parameter, public :: no_value = 'a value is missing beside the separator'
    integer, parameter :: max_shown = 10        !! bad lines that are named one by one
    integer, parameter :: longest_line = 4096   !! [characters]
 
@@ -25,11 +30,9 @@ module core_table
 
 contains
 
-   !> Reads the rows of a file; the rest of a line behind one of the marks is a comment. Every row
-   !> has fewest to most values. Every bad line is a complaint.
-   subroutine read_table(path, marks, fewest, most, table, complaints)
+   !> Reads the rows of a file. Every row has fewest to most values. Every bad line is a complaint.
+   subroutine read_table(path, fewest, most, table, complaints)
       character(*), intent(in) :: path
-      character(*), intent(in) :: marks      !! '#', or '#!'
       integer, intent(in) :: fewest, most    !! values on a line
       type(table_type), intent(out) :: table
       type(complaint_list), intent(inout) :: complaints
@@ -40,14 +43,14 @@ contains
       if (allocated(refusal)) then
          call complaints%add_general(path//': '//refusal)
       else
-         call parse_rows(source, marks, fewest, most, table, complaints)
+         call parse_rows(source, number_marks, fewest, most, table, complaints)
       end if
    end subroutine read_table
 
    !> Takes the rows of a text, see read_table.
    subroutine parse_rows(source, marks, fewest, most, table, complaints)
       type(source_type), intent(in) :: source
-      character(*), intent(in) :: marks
+      character(*), intent(in) :: marks   !! that begin a comment
       integer, intent(in) :: fewest, most
       type(table_type), intent(out) :: table
       type(complaint_list), intent(inout) :: complaints
@@ -59,11 +62,10 @@ contains
       allocate (table%value(most, 1024), table%n_columns(1024), table%line(1024))
       n_bad = 0
       do number = 1, source%n_lines()
-         line = source%line(number)
-         if (number == 1 .and. index(line, byte_order_mark) == 1) line = line(4:)
-         call parse_row(line(:scan(line//marks, marks) - 1), fewest, values, n, rule)
+         call parse_row(data_line(source, number, marks), fewest, values, n, rule)
          if (allocated(rule)) then
             n_bad = n_bad + 1
+            line = source%line(number)
             if (n_bad <= max_shown) &
                call complaints%add_general(table%path//':'//to_text(number)//': '// &
                                            printable(line(:min(len_trim(line), 40)))//': '//rule)
@@ -79,6 +81,58 @@ contains
       table%line = table%line(:table%n_rows)
    end subroutine parse_rows
 
+   !> A line of a file without its comment and without the mark that some editors put first.
+   pure function data_line(source, number, marks) result(line)
+      type(source_type), intent(in) :: source
+      integer, intent(in) :: number
+      character(*), intent(in) :: marks   !! that begin a comment
+      character(:), allocatable :: line
+
+      line = source%line(number)
+      if (number == 1 .and. index(line, byte_order_mark) == 1) line = line(len(byte_order_mark) + 1:)
+      line = line(:scan(line//marks, marks) - 1)
+   end function data_line
+
+   !> Makes commas blanks. `rule` is allocated where a comma may be a decimal one, as in 0,3, or
+   !> where no value stands before a separator; line(first:last) is the place.
+   pure subroutine separate_commas(line, first, last, rule)
+      character(*), intent(inout) :: line
+      integer, intent(out) :: first, last
+      character(:), allocatable, intent(out) :: rule
+      integer :: comma, i, n
+      logical :: is_empty, is_separator
+
+      last = 0
+      do
+         call next_word(line, first, last)
+         if (first > last) exit
+         associate (word => line(first:last))
+            comma = index(word, ',')
+            if (comma > 1 .and. comma < len(word) .and. comma == index(word, ',', back=.true.) &
+                .and. verify(word, '+-0123456789,') == 0) then
+               rule = 'decimals follow a point; a comma between values has a blank behind it'
+               return
+            end if
+         end associate
+      end do
+      n = verify(line, white, back=.true.)
+      is_empty = .true.   ! no value since the last separator
+      do i = 1, n
+         if (index(white, line(i:i)) > 0) cycle
+         is_separator = index(',;', line(i:i)) > 0
+         if (is_separator .and. (is_empty .or. line(i:n) == ',')) then   ! a ; may end a row
+            first = max(1, i - 19)
+            last = i
+            rule = no_value
+            return
+         end if
+         is_empty = is_separator
+      end do
+      do i = 1, n
+         if (line(i:i) == ',') line(i:i) = ' '
+      end do
+   end subroutine separate_commas
+
    !> Reads the values of a line, n of them; `rule` is allocated when the line is bad.
    pure subroutine parse_row(line, fewest, values, n, rule)
       character(*), intent(in) :: line
@@ -86,23 +140,23 @@ contains
       real(wp), intent(out) :: values(:)
       integer, intent(out) :: n
       character(:), allocatable, intent(out) :: rule
+      character(len(line)) :: text
       integer :: first, last
 
       values = 0.0_wp
       n = 0
-      last = 0
       if (len(line) > longest_line) rule = 'the line is too long'
+      text = line
+      if (.not. allocated(rule)) call separate_commas(text, first, last, rule)
+      last = 0
       do while (.not. allocated(rule))
-         call next_word(line, first, last)
+         call next_word(text, first, last)
          if (first > last) exit
          n = n + 1
-         if (index(line(first:last), ',') > 0) then
-            rule = 'a comma separates nothing here: values have blanks or ; between, decimals '// &
-                   'follow a point'
-         else if (n > size(values)) then
+         if (n > size(values)) then
             rule = 'must be '//number_of_values(fewest, size(values))
          else
-            call parse_real(line(first:last), values(n), rule)
+            call parse_real(text(first:last), values(n), rule)
          end if
       end do
       if (n > 0 .and. n < fewest .and. .not. allocated(rule)) &
@@ -141,7 +195,7 @@ contains
       else
          text = to_text(fewest)//' to '//to_text(most)//' values'
       end if
-      if (most > 1) text = text//' with blanks or ; between'
+      if (most > 1) text = text//' with blanks, commas or ; between'
    end function number_of_values
 
    pure subroutine append_row(table, values, n, line)

@@ -133,7 +133,7 @@ contains
 
       n_before = complaints%n
       n_dofs = merge(2, 0, paths%directions == '')
-      call read_table(paths%joints, '#', n_dofs + 3, n_dofs + 4, table, complaints)
+      call read_table(paths%joints, n_dofs + 3, n_dofs + 4, table, complaints)
       if (complaints%n == n_before .and. table%n_rows == 0) &
          call complaints%add_general(paths%joints//': must hold one joint or more')
       if (complaints%n > n_before) return
@@ -265,7 +265,7 @@ contains
          return
       end if
       n_before = complaints%n
-      call read_table(path, '#', 1, most_forces, table, complaints)
+      call read_table(path, 1, most_forces, table, complaints)
       if (complaints%n > n_before) return
       if (table%n_rows /= structure%n_dof) then
          call complaints%add_general(path//': holds '//counted(table%n_rows, 'row', 'rows')// &

@@ -77,9 +77,9 @@ contains
       call drop_if_missing(paths%damping)
       call drop_if_missing(paths%directions)
       call read_structure(paths, rayleigh, damping_ratio, 0, case%structure, complaints)
-      call read_table(path//'force.txt', '#', 1, 1, force, complaints)
-      call read_table(path//'x.txt', '#', n_dof + 1, n_dof + 1, x, complaints)
-      call read_table(path//'events.txt', '#', 3, 3, events, complaints)
+      call read_table(path//'force.txt', 1, 1, force, complaints)
+      call read_table(path//'x.txt', n_dof + 1, n_dof + 1, x, complaints)
+      call read_table(path//'events.txt', 3, 3, events, complaints)
       if (complaints%n > 0) error stop complaints%text
       case%friction = reshape(case%structure%joint_friction, [n_joints, 1])
       allocate (case%force(0:case%n_steps, 1))
