@@ -42,18 +42,25 @@ module campaign_runner
 contains
 
    !> Prepares the march of a plan. `file_force` is used when the excitation is a file's.
-   subroutine prepare_runner(plan, file_force, runner, error)
+   subroutine prepare_runner(plan, file_force, runner, error, like)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
       type(runner_type), intent(out) :: runner
       type(error_type), allocatable, intent(out) :: error
+      !> of the same structure, methods and step, audits included: its marchers serve again
+      type(runner_type), intent(in), optional :: like
 
       runner%plan = plan
-      call new_marcher(plan, plan%integration, runner%marcher, error)
-      if (allocated(error)) return
-      if (any(plan%cases%audits > 0)) &
-         call new_marcher(plan, reference_for(plan%integration), runner%reference, error)
-      if (allocated(error)) return
+      if (present(like)) then
+         runner%marcher = like%marcher
+         if (allocated(like%reference)) runner%reference = like%reference
+      else
+         call new_marcher(plan, plan%integration, runner%marcher, error)
+         if (allocated(error)) return
+         if (any(plan%cases%audits > 0)) &
+            call new_marcher(plan, reference_for(plan%integration), runner%reference, error)
+         if (allocated(error)) return
+      end if
       if (plan%excitation%kind == 'file') then
          runner%force = file_force
       else if (plan%excitation%kind /= 'sine' .and. .not. plan%excitation%per_sample) then

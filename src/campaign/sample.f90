@@ -269,20 +269,21 @@ contains
       real(wp), intent(in) :: x(:, :, :)   !! (record, dof, sample) [m]
       type(block_result), intent(inout) :: result
       real(wp) :: between(size(x, 1))
-      integer :: dof, joint, w
+      integer, allocatable :: dofs(:)   ! that the joint holds
+      integer :: i, joint, w
 
-      do w = 1, size(x, 3)
-         do joint = 1, structure%n_joints
-            between = 0.0_wp
-            do dof = 1, structure%n_dof
-               associate (share => structure%direction(dof, joint))
-                  if (abs(share) > 0.0_wp) between = between + share*x(:, dof, w)
-               end associate
+      do joint = 1, structure%n_joints
+         associate (share => structure%direction(:, joint), &
+                    largest => result%joint_displacement_max(joint, :))
+            dofs = pack([(i, i=1, size(share))], abs(share) > 0.0_wp)
+            do w = 1, size(x, 3)
+               between = 0.0_wp
+               do i = 1, size(dofs)
+                  between = between + share(dofs(i))*x(:, dofs(i), w)
+               end do
+               largest(w) = max(largest(w), maxval(abs(between)))
             end do
-            associate (largest => result%joint_displacement_max(joint, w))
-               largest = max(largest, maxval(abs(between)))
-            end associate
-         end do
+         end associate
       end do
    end subroutine follow_joints
 

@@ -8,8 +8,7 @@
 !> frequencies and the cases; what each costs was measured on the paper's chain (25 to 400 samples a
 !> case), 20 and 50 masses and a ring of blades.
 module tradeoff_forecast
-   use campaign_plan, only: add_audits, integration_settings, kept_dofs, kept_of, plan_type, &
-                            reference_for
+   use campaign_plan, only: add_audits, case_type, kept_dofs, plan_type
    use campaign_pooling, only: case_pool, find_points, find_pools
    use campaign_results, only: block_result
    use campaign_runner, only: prepare_runner, runner_type
@@ -20,8 +19,8 @@ module tradeoff_forecast
    use statistics_law, only: n_points
    use statistics_spectra, only: last_powerful
    use statistics_surrogate, only: most_landmarks
-   use tradeoff_sample, only: choose_levels, draw_level, level_type, prepare_level
-   use tradeoff_settings, only: count_work, expected_cost, own_setting, setting_type
+   use tradeoff_sample, only: choose_levels, draw_level, level_type
+   use tradeoff_settings, only: expected_cost, own_setting, setting_type
    implicit none(type, external)
    private
    public :: cost_type, measure_cost, regression_seconds
@@ -60,49 +59,38 @@ contains
       integer, intent(in) :: every                 !! every k-th step enters the spectra
       type(cost_type), intent(out) :: cost
       type(error_type), allocatable, intent(out) :: error
-      type(plan_type) :: audited, short
-      type(runner_type) :: runner
+      type(plan_type) :: short
+      type(runner_type) :: runner, shortest
       type(level_type), allocatable :: levels(:)
-      type(integration_settings) :: reference
-      type(cost_type) :: of_audit, of_level
+      type(cost_type) :: of_level
       type(setting_type) :: own
       integer :: k
 
       call choose_levels(plan, levels)
-      own = own_setting(plan)
-      call count_work(plan, own, error)
-      if (allocated(error)) return
-      cost%n_steps = steps_for(plan, [(size(levels(k)%sample), k=1, size(levels))], own)
       short = plan
-      short%integration%n_steps = cost%n_steps
+      call add_audits(short)
+      short%integration%n_steps = min(plan%integration%n_steps, fewest_steps)
       short%integration%n_discard = 0
-      short%output%segment_length = min(short%output%segment_length, every*(cost%n_steps/every))
-      short%output%spectrum_every = every
-      call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
-                          error)
+      call prepare_runner(short, file_force, shortest, error)
       if (allocated(error)) return
-      cost%form = runner%form_of_march()
-      audited = short
-      call add_audits(audited)
-      audited%output = kept_of(audited, size(audited%cases))
-      reference = reference_for(plan%integration)
+      cost%form = shortest%form_of_march()
+      own = own_setting(plan)
+      own%work = shortest%marcher%work
+      cost%n_steps = steps_for(plan, [(size(levels(k)%sample), k=1, size(levels))], own)
+      short%integration%n_steps = cost%n_steps
+      call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
+                          error, like=shortest)
+      if (allocated(error)) return
       do k = 1, size(levels)
-         associate (level => levels(k), share => real(levels(k)%n_all, wp)/sum(levels%n_all))
-            call draw_level(short, runner, cost%n_steps, level, error)
-            if (allocated(error)) return
-            call time_level(short, level, size(level%sample), own, of_level, error)
-            if (allocated(error)) return
+         call draw_level(short, runner, cost%n_steps, levels(k), error)
+         if (allocated(error)) return
+         call time_level(runner, levels(k), every, of_level, error)
+         if (allocated(error)) return
+         associate (share => real(levels(k)%n_all, wp)/sum(levels%n_all))
             cost%nanoseconds = cost%nanoseconds + share*of_level%nanoseconds
+            cost%audit_nanoseconds = cost%audit_nanoseconds + share*of_level%audit_nanoseconds
             cost%transitions = cost%transitions + share*of_level%transitions
             cost%share_powerful = max(cost%share_powerful, of_level%share_powerful)
-            if (all(audited%cases%audits == 0)) cycle
-            call time_level(audited, level, &
-                            min(size(level%sample), maxval(audited%cases%n_samples, &
-                                                           audited%cases%audits > 0)), &
-                            setting_type(reference%method, tolerance=reference%tolerance), &
-                            of_audit, error)
-            if (allocated(error)) return
-            cost%audit_nanoseconds = cost%audit_nanoseconds + share*of_audit%nanoseconds
          end associate
       end do
    end subroutine measure_cost
@@ -121,28 +109,57 @@ contains
       steps_for = min(plan%integration%n_steps, max(fewest_steps, int(min(most, 1.0e9_wp))))
    end function steps_for
 
-   !> Times the first n samples of a level under its force: the lesser time of two marches, as the
-   !> first prepares transforms.
-   subroutine time_level(plan, level, n, setting, cost, error)
-      type(plan_type), intent(in) :: plan
+   !> Times one level of force, by the scene's method and by that of audits, whose blocks are
+   !> narrower.
+   subroutine time_level(like, level, every, cost, error)
+      type(runner_type), intent(in) :: like   !! of all levels
       type(level_type), intent(in) :: level
-      integer, intent(in) :: n
-      type(setting_type), intent(in) :: setting
+      integer, intent(in) :: every
       type(cost_type), intent(out) :: cost
       type(error_type), allocatable, intent(out) :: error
+      type(plan_type) :: short
       type(runner_type) :: runner
+      type(cost_type) :: of_audit
+      integer :: n_audited
+
+      short = like%plan
+      n_audited = min(size(level%sample), maxval(short%cases%n_samples, &
+                                                 mask=short%cases%audits > 0))
+      associate (n_steps => short%integration%n_steps)
+         short%output%segment_length = min(short%output%segment_length, every*(n_steps/every))
+      end associate
+      short%output%spectrum_every = every
+      short%excitation%kind = 'file'
+      short%excitation%per_sample = size(level%force, 2) > short%structure%n_forces
+      associate (n => size(level%sample))
+         short%cases = [case_type(0, 0.0_wp, n)]
+         if (n_audited > 0) short%cases = [short%cases, case_type(0, 0.0_wp, n_audited, audits=1)]
+      end associate
+      call prepare_runner(short, level%force, runner, error, like)
+      if (.not. allocated(error)) call time_block(runner, 1, level%friction, cost, error)
+      if (.not. allocated(error) .and. n_audited > 0) &
+         call time_block(runner, 2, level%friction(:, :n_audited), of_audit, error)
+      cost%audit_nanoseconds = of_audit%nanoseconds
+   end subroutine time_level
+
+   !> Times a block of one case of a short plan: the lesser time of two, as the first prepares
+   !> transforms.
+   subroutine time_block(runner, case_number, friction, cost, error)
+      type(runner_type), intent(inout) :: runner
+      integer, intent(in) :: case_number
+      real(wp), intent(in) :: friction(:, :)   !! (dof, sample)
+      type(cost_type), intent(out) :: cost
+      type(error_type), allocatable, intent(out) :: error
       type(block_result) :: result
       real(wp) :: after, before, sample_steps
       integer :: dof, trial
       logical :: is_abandoned
 
-      call prepare_level(plan, level, setting, runner, error)
-      if (allocated(error)) return
       cost%nanoseconds = huge(1.0_wp)
-      sample_steps = real(plan%integration%n_steps, wp)*n
+      sample_steps = real(runner%plan%integration%n_steps, wp)*size(friction, 2)
       do trial = 1, 2
          call cpu_time(before)
-         call run_block(runner, 1, level%friction(:, :n), 1, never, result, is_abandoned, error)
+         call run_block(runner, case_number, friction, 1, never, result, is_abandoned, error)
          call cpu_time(after)
          if (allocated(error)) return
          cost%nanoseconds = min(cost%nanoseconds, 1.0e9_wp*(after - before)/sample_steps)
@@ -151,7 +168,7 @@ contains
       if (.not. allocated(result%psd)) return
       cost%share_powerful = maxval([(last_powerful(sum(result%psd(dof, :, :), 2)), &
                                      dof=1, size(result%psd, 1))])/real(size(result%psd, 2), wp)
-   end subroutine time_level
+   end subroutine time_block
 
    !> Time [s of a processor] of all pools' regressions.
    pure real(wp) function regression_seconds(plan, every, share_powerful)

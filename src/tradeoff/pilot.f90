@@ -4,7 +4,7 @@
 !> what is kept. One sample of average friction under each excitation tells how much that is; cases
 !> that have both in common share it.
 module tradeoff_pilot
-   use campaign_plan, only: have_same_force, plan_type
+   use campaign_plan, only: case_type, have_same_force, plan_type
    use campaign_results, only: block_result
    use campaign_runner, only: prepare_runner, runner_type
    use campaign_sample, only: never, run_block
@@ -19,6 +19,7 @@ module tradeoff_pilot
    real(wp), parameter :: negligible = 1.0e-8_wp
    integer, parameter :: sparsest = 16             !! every 16th step at most
    integer, parameter :: pilot_segments = 8        !! of the march
+   real(wp), parameter :: most_memory = 256.0e6_wp !! [byte] of spectra that are made at once
 
 contains
 
@@ -32,31 +33,60 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: short
       type(runner_type) :: runner
-      type(block_result) :: result
-      real(wp), allocatable :: psd(:, :, :)   ! (dof, frequency, case)
-      logical :: is_abandoned
-      integer :: c, n, twin
+      real(wp), allocatable :: psd(:, :, :)   ! (dof, frequency, march)
+      integer, allocatable :: marched(:)
+      integer :: c, first, n, together, twin(size(plan%cases))
 
       short = shortened(plan)
       n = short%integration%n_steps
       call prepare_runner(short, file_force(:min(n, ubound(file_force, 1)), :), runner, error)
       if (allocated(error)) return
-      allocate (psd(plan%structure%n_dof, size(runner%layout%frequency), size(plan%cases)))
-      do c = 1, size(short%cases)
-         twin = first_alike(plan, c)
-         if (twin == c) then
-            call run_block(runner, c, average_friction(plan, c), 1, never, result, is_abandoned, &
-                           error)
-            if (allocated(error)) return
-            psd(:, :, c) = result%psd(:, :, 1)
-         else
-            psd(:, :, c) = psd(:, :, twin)
-         end if
+      twin = [(first_alike(plan, c), c=1, size(plan%cases))]
+      marched = pack([(c, c=1, size(plan%cases))], twin == [(c, c=1, size(plan%cases))])
+      allocate (psd(plan%structure%n_dof, size(runner%layout%frequency), size(marched)))
+      associate (memory => 12.0_wp*plan%structure%n_dof*short%output%segment_length)
+         together = max(1, min(size(marched), int(most_memory/memory)))
+      end associate
+      do first = 1, size(marched), together
+         associate (last => min(first + together - 1, size(marched)))
+            call march_cases(marched(first:last), runner, psd(:, :, first:last), error)
+         end associate
+         if (allocated(error)) return
       end do
       every = plan%output%spectrum_every
       if (every == 0) every = sparsest_allowed(plan%output%segment_length, psd)
       folded_share = share_above(psd, every)
+      folded_share = folded_share(:, [(findloc(marched, twin(c), dim=1), c=1, size(twin))])
    end subroutine choose_every
+
+   !> Marches one sample of each of some cases as one block, each under the force of its case.
+   subroutine march_cases(cases, runner, psd, error)
+      integer, intent(in) :: cases(:)
+      type(runner_type), intent(in) :: runner      !! of all cases
+      real(wp), intent(out) :: psd(:, :, :)        !! (dof, frequency, case)
+      type(error_type), allocatable, intent(out) :: error
+      type(runner_type) :: of_cases
+      type(block_result) :: result
+      real(wp) :: friction(runner%plan%structure%n_joints, size(cases))
+      logical :: is_abandoned
+      integer :: i
+
+      of_cases = runner
+      if (allocated(of_cases%force)) deallocate (of_cases%force)
+      associate (n => runner%plan%structure%n_forces)
+         allocate (of_cases%force(0:runner%plan%integration%n_steps, n*size(cases)))
+         do i = 1, size(cases)
+            friction(:, i) = average_friction(runner%plan, cases(i))
+            call runner%force_of(cases(i), 1, of_cases%force(:, n*(i - 1) + 1:n*i), error)
+            if (allocated(error)) return
+         end do
+      end associate
+      of_cases%plan%excitation%kind = 'file'
+      of_cases%plan%excitation%per_sample = .true.
+      of_cases%plan%cases = [case_type(n_samples=size(cases))]
+      call run_block(of_cases, 1, friction, 1, never, result, is_abandoned, error)
+      if (.not. allocated(error)) psd(:, :, :) = result%psd
+   end subroutine march_cases
 
    !> The plan with a short march at the full rate, and nothing kept but spectra.
    pure function shortened(plan) result(short)
@@ -93,11 +123,11 @@ contains
    pure function average_friction(plan, number) result(friction)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number   !! of the case
-      real(wp) :: friction(plan%structure%n_joints, 1)
+      real(wp) :: friction(plan%structure%n_joints)
 
       associate (process => plan%cases(number)%process)
          if (process == 0) then
-            friction(:, 1) = plan%friction
+            friction = plan%friction
          else
             friction = plan%processes(process)%mean
          end if
@@ -106,9 +136,9 @@ contains
 
    !> Share of the power above the Nyquist frequency that every k-th step leaves.
    pure function share_above(psd, every) result(share)
-      real(wp), intent(in) :: psd(:, :, :)                 !! (dof, frequency, case)
+      real(wp), intent(in) :: psd(:, :, :)                 !! (dof, frequency, march)
       integer, intent(in) :: every
-      real(wp) :: share(size(psd, 1), size(psd, 3))        !! (dof, case)
+      real(wp) :: share(size(psd, 1), size(psd, 3))        !! (dof, march)
       integer :: kept
 
       kept = 1 + (size(psd, 2) - 1)/every
@@ -119,7 +149,7 @@ contains
    !> Segments must stay whole, and be worth the name.
    pure function sparsest_allowed(segment_length, psd) result(every)
       integer, intent(in) :: segment_length
-      real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, case)
+      real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, march)
       integer :: every
       integer, parameter :: shortest = 64
 

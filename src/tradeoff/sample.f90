@@ -17,7 +17,7 @@ module tradeoff_sample
    use tradeoff_settings, only: setting_type, with_setting
    implicit none(type, external)
    private
-   public :: level_type, choose_levels, draw_level, march_level, prepare_level
+   public :: level_type, choose_levels, draw_level, march_level
    public :: fit_segments, shortened, stretch
 
    integer, parameter :: most_levels = 4
@@ -177,12 +177,18 @@ contains
       real(wp), intent(out) :: nanoseconds   !! of a processor, per sample and step of the scene
       logical, intent(out) :: is_abandoned
       type(error_type), allocatable, intent(out) :: error
+      type(plan_type) :: short
       type(runner_type) :: runner
       real(wp) :: before, after
 
       nanoseconds = 0.0_wp
       is_abandoned = .false.
-      call prepare_level(plan, level, setting, runner, error)
+      short = with_setting(plan, setting)
+      short%excitation%kind = 'file'
+      short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
+      short%cases = [case_type(0, 0.0_wp, size(level%sample))]
+      call prepare_runner(short, stretch(level%force(:plan%integration%n_steps, :), setting), &
+                          runner, error)
       if (allocated(error)) return
       call cpu_time(before)
       call run_block(runner, 1, level%friction, 1, should_stop, result, is_abandoned, error)
@@ -190,23 +196,6 @@ contains
       nanoseconds = 1.0e9_wp*(after - before)/(real(plan%integration%n_steps, wp) &
                                                *size(level%sample))
    end subroutine march_level
-
-   !> Prepares the march of a level with one setting, as the one case of a plan.
-   subroutine prepare_level(plan, level, setting, runner, error)
-      type(plan_type), intent(in) :: plan
-      type(level_type), intent(in) :: level
-      type(setting_type), intent(in) :: setting
-      type(runner_type), intent(out) :: runner
-      type(error_type), allocatable, intent(out) :: error
-      type(plan_type) :: short
-
-      short = with_setting(plan, setting)
-      short%excitation%kind = 'file'
-      short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
-      short%cases = [case_type(0, 0.0_wp, size(level%sample))]
-      call prepare_runner(short, stretch(level%force(:plan%integration%n_steps, :), setting), &
-                          runner, error)
-   end subroutine prepare_level
 
    !> The force at the steps of a setting: on the chords between its values, or every so many.
    pure function stretch(force, setting) result(stretched)
