@@ -113,6 +113,7 @@ contains
       estimate%request%mean = estimate%mean
       estimate%request%std = estimate%std
       estimate%request%positive = all(values > 0.0_wp)
+      estimate%request%branch = 'nonnegative'   ! as the candidates
       call fit_process(estimate%request, seed, estimate%model)
       if (.not. estimate%model%is_solved) then
          call raise(error, exit_no_solution, 'no process has the estimates (mean '// &

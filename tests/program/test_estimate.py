@@ -65,6 +65,14 @@ def test_data_that_say_nothing_are_refused(entroslip, data, text, message):
     assert not (data.parent / "joints.nml").exists()
 
 
+def test_values_that_scatter_too_much_to_be_positive_are_refused_at_once(entroslip, data):
+    """A mark for a gap that is no gap: no search on simulated values is begun."""
+    data.write_text("0.3 0.2 0.4 0.35 1e12 0.25 0.3 0.2 0.4 0.3 0.2\n")
+    done = entroslip("estimate", data)
+    assert done.returncode == 4
+    assert done.stderr.endswith(": K(m) >= 0 needs std < mean\n")
+
+
 def test_a_length_that_is_the_longest_tried_is_noted(entroslip, data):
     """A trend has no correlation length."""
     note = "note         L0 is the longest that 40 values tell: perhaps they have a trend or"
