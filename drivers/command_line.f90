@@ -61,8 +61,7 @@ contains
       character(:), allocatable :: word, value
       integer :: i
 
-      i = longest_argument()
-      allocate (character(i) :: line%overrides(0))
+      allocate (character(1) :: line%overrides(0))
       i = 0
       do while (i < command_argument_count())
          i = i + 1
@@ -138,7 +137,7 @@ contains
          if (len(value) > len_trim(value)) &   ! Fortran and HDF5 do not see it
             call raise(error, exit_bad_input, option//' '//value//': must not end in a blank')
       case ('--set')
-         line%overrides = [character(len(line%overrides)) :: line%overrides, value]
+         line%overrides = [character(max(len(line%overrides), len(value))) :: line%overrides, value]
       case ('--case')
          call read_count(option, value, line%case_number, error)
       case ('--sample')
@@ -312,17 +311,5 @@ contains
       allocate (character(length) :: text)
       call get_command_argument(i, text)
    end function argument
-
-   !> Characters of the longest argument.
-   function longest_argument() result(longest)
-      integer :: longest
-      integer :: i, length
-
-      longest = 1
-      do i = 1, command_argument_count()
-         call get_command_argument(i, length=length)
-         longest = max(longest, length)
-      end do
-   end function longest_argument
 
 end module driver_command_line

@@ -125,8 +125,9 @@ contains
          end associate
       end do
       if (output%world%any_true(allocated(error))) return
-      call find_estimates(output%world, plan, models, stored, kept_frequencies(plan, runner), &
-                          statistics, estimates, error)
+      call find_estimates(output%world, plan, models, stored, &
+                          pack(runner%layout%frequency, plan%output%spectrum), statistics, &
+                          estimates, error)
       if (allocated(error) .or. .not. output%world%is_root()) return
       do k = 1, size(numbers)
          call write_estimates(groups(numbers(k)), plan, statistics(numbers(k)), &
@@ -143,16 +144,6 @@ contains
       end subroutine open_task
 
    end subroutine write_cases
-
-   !> Frequencies of the spectra; none without them.
-   pure function kept_frequencies(plan, runner) result(frequency)
-      type(plan_type), intent(in) :: plan
-      type(runner_type), intent(in) :: runner
-      real(wp), allocatable :: frequency(:)
-
-      allocate (frequency(0))
-      if (plan%output%spectrum) frequency = runner%layout%frequency
-   end function kept_frequencies
 
    !> Writes a case up to its spectra: its group, and its samples' small data.
    subroutine begin(plan, number, runner, stored, file, group, error)

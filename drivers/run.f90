@@ -19,10 +19,9 @@ module driver_run
    use driver_processes, only: solve_processes
    use driver_results, only: write_results
    use io_files, only: exists
-   use io_process_shards, only: remove_kept
    use io_progress, only: progress_type
    use io_shards, only: write_shard
-   use io_store, only: shard_store
+   use io_store, only: remove_store, shard_store
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: start_world, stop_world, world_type
    use process_model, only: branch_note, process_model_type
@@ -71,7 +70,8 @@ contains
       call output%stop_on(error)
       call end_if_asked(output)
       call refuse_unsolved(plan, models, error)
-      if (allocated(error) .and. world%is_root()) call remove_kept(output%store, ignored)
+      if (allocated(error) .and. world%is_root() .and. .not. output%is_shared) &
+         call remove_store(output%store, ignored)   ! there are no samples in it
       call output%stop_on(error)
       call tell_solutions(models, output)
       if (plan%has_structure) then

@@ -59,7 +59,8 @@ contains
       integer :: n, n_bad, number
 
       table%path = source%name
-      allocate (table%value(most, 1024), table%n_columns(1024), table%line(1024))
+      n = min(source%n_lines(), len(source%text)/(2*fewest) + 1)   ! values have blanks between
+      allocate (table%value(most, n), table%n_columns(n), table%line(n))
       n_bad = 0
       do number = 1, source%n_lines()
          call parse_row(data_line(source, number, marks), fewest, values, n, rule)
@@ -70,7 +71,10 @@ contains
                call complaints%add_general(table%path//':'//to_text(number)//': '// &
                                            printable(line(:min(len_trim(line), 40)))//': '//rule)
          else if (n > 0) then
-            call append_row(table, values, n, number)
+            table%n_rows = table%n_rows + 1
+            table%value(:, table%n_rows) = values
+            table%n_columns(table%n_rows) = n
+            table%line(table%n_rows) = number
          end if
       end do
       if (n_bad > max_shown) &
@@ -197,25 +201,6 @@ contains
       end if
       if (most > 1) text = text//' with blanks, commas or ; between'
    end function number_of_values
-
-   pure subroutine append_row(table, values, n, line)
-      type(table_type), intent(inout) :: table
-      real(wp), intent(in) :: values(:)
-      integer, intent(in) :: n, line
-      real(wp), allocatable :: more_values(:, :)
-
-      if (table%n_rows == size(table%line)) then
-         allocate (more_values(size(values), 2*table%n_rows))
-         more_values(:, :table%n_rows) = table%value
-         call move_alloc(more_values, table%value)
-         table%n_columns = [table%n_columns, table%n_columns]
-         table%line = [table%line, table%line]
-      end if
-      table%n_rows = table%n_rows + 1
-      table%value(:, table%n_rows) = values
-      table%n_columns(table%n_rows) = n
-      table%line(table%n_rows) = line
-   end subroutine append_row
 
    !> Adds a complaint about one value of a row: `path:line: name = value: rule`.
    subroutine refuse_row(self, row, name, value, rule, complaints)

@@ -10,7 +10,7 @@ module io_audit_results
    use io_gathering, only: stored_samples
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file
-   use io_results, only: case_group, finish_case, write_dofs, write_frequency
+   use io_results, only: case_group, finish_case, write_dofs
    implicit none(type, external)
    private
    public :: write_audit
@@ -44,7 +44,7 @@ contains
       call put_short(group, plan, samples)
       call write_slip_errors(group, errors)
       if (plan%output%spectrum) then
-         call write_frequency(group, layout)
+         call group%put('frequency', layout%frequency, 'Hz', 'frequency', 'frequency')
          call group%put('percentile', plan%output%percentiles, '%', 'percentile over samples', &
                         'percentile')
          call write_spectrum_errors(group, kept_axis(plan), errors)

@@ -3,15 +3,15 @@
 module io_process_shards
    use core_error, only: error_type
    use core_text, only: numbered
-   use io_files, only: exists, remove_file
+   use io_files, only: exists
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file, open_hdf5
    use io_process_results, only: read_solution, write_solution
-   use io_store, only: finish_file, list_finished, name_of, open_own, shard_store, start_file
+   use io_store, only: finish_file, name_of, open_own, shard_store, start_file
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: is_process_shard, keep_process, read_kept, remove_kept
+   public :: is_process_shard, keep_process, read_kept
 
    character(*), parameter :: solution = '/solution'   !! group of a shard
    character(*), parameter :: advice = '; remove it to have its process solved again'
@@ -80,22 +80,6 @@ contains
       call file%abandon()
       if (allocated(error)) error%message = error%message//advice
    end subroutine read_one
-
-   !> Removes all processes of a store, and the store if nothing else is in it.
-   subroutine remove_kept(store, error)
-      type(shard_store), intent(in) :: store
-      type(error_type), allocatable, intent(out) :: error
-      type(error_type), allocatable :: ignored
-      character(:), allocatable :: paths(:)
-      integer :: i
-
-      call list_finished(store, paths, error)
-      do i = 1, size(paths)
-         if (allocated(error)) return
-         if (is_process_shard(paths(i))) call remove_file(trim(paths(i)), error)
-      end do
-      if (.not. allocated(error)) call remove_file(store%folder, ignored)   ! fails, rightly, if not
-   end subroutine remove_kept
 
    !> True if a path of a store is that of a process, by its name alone.
    pure function is_process_shard(path)

@@ -23,8 +23,7 @@ module io_results
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: begin_case, case_group, finish_case, finish_results, write_dofs, write_frequency, &
-             write_structure
+   public :: begin_case, case_group, finish_case, finish_results, write_dofs, write_structure
 
    character(*), parameter :: &
       about_dofs = 'degree of freedom; of a chain: mass, from the wall', &
@@ -230,7 +229,7 @@ contains
       type(spectrum_layout), intent(in) :: layout
       real(wp), intent(in), contiguous :: folded_share(:)   !! (dof)
 
-      call write_frequency(group, layout)
+      call group%put('frequency', layout%frequency, 'Hz', 'frequency', 'frequency')
       call group%attribute('window', 'periodic Hann')
       call group%attribute('detrending', 'mean of each segment')
       call group%attribute('segment_length', layout%segment_length)
@@ -262,14 +261,6 @@ contains
          highest = [(spread(layout%frequency(last(i)), 1, n_batches), i=1, size(last))]
       end associate
    end function batch_frequencies
-
-   !> Writes the frequency axis of the spectra [Hz].
-   subroutine write_frequency(group, layout)
-      type(group_type), intent(inout) :: group
-      type(spectrum_layout), intent(in) :: layout
-
-      call group%put('frequency', layout%frequency, 'Hz', 'frequency', 'frequency')
-   end subroutine write_frequency
 
    subroutine write_history_axes(group, plan, force)
       type(group_type), intent(inout) :: group
