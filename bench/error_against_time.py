@@ -42,7 +42,7 @@ SCENE = """\
 SAMPLES = (10, 30, 100, 300, 1000, 3000, 10000)
 LEAST = 20  # samples that a regression needs
 RECORDS = 20
-LAW = 0.8 * 2**17  # independent draws that stand for the law (campaign_law)
+LAW = 0.8 * 2**17  # independent draws that stand for the law (campaign_pooling)
 EVERY = 8  # of the frequencies, in the draws
 QUANTITIES = {
     "mean": "mean slip [points]", "std": "std of slip [points]",

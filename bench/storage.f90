@@ -8,9 +8,9 @@ program storage
    use campaign_time_average, only: span_collector, start_spans
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use io_gathering, only: order_shards, stored_samples
    use io_identity, only: identity_type
-   use io_shards, only: list_shards, shard_type, verify_shard, write_shard
+   use io_shards, only: list_shards, order_shards, shard_type, stored_samples, verify_shard, &
+                        write_shard
    use io_store, only: new_store, remove_store, shard_store
    implicit none(type, external)
    integer, parameter :: n_samples = 32, n_dof = 5, n_band = 61

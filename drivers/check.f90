@@ -10,11 +10,10 @@ module driver_check
    use core_terminal, only: say
    use core_text, only: brief, duration, labelled, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
-   use driver_choose_setting, only: keep_targets
    use driver_command_line, only: command_line
    use driver_judge_results, only: need_words
    use driver_processes, only: solve_processes
-   use driver_trial_runs, only: measure_settings
+   use driver_trial_runs, only: keep_targets, measure_settings
    use parallel_world, only: start_world, stop_world, world_type
    use process_fit, only: foresee_process
    use process_model, only: process_model_type

@@ -12,8 +12,8 @@ module driver_judge_results
    use driver_output, only: output_type
    use driver_regression, only: find_estimates
    use driver_statistics, only: case_task, open_case
-   use io_error_results, only: case_errors, read_errors
-   use io_gathering, only: stored_samples
+   use io_earlier_results, only: case_errors, read_errors
+   use io_shards, only: stored_samples
    use process_model, only: process_model_type
    implicit none(type, external)
    private

@@ -15,12 +15,12 @@ module driver_output
    use driver_campaign, only: tell_folder
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
-   use io_earlier_results, only: check_replaceable, extract_shards, inspect_results
-   use io_error_results, only: case_errors, read_errors
+   use io_earlier_results, only: case_errors, check_replaceable, extract_shards, inspect_results, &
+                                 read_errors
    use io_files, only: exists, follow_links, remove_file
-   use io_gathering, only: finished_samples, order_shards, stored_samples
    use io_lock, only: lock_type, take_lock
-   use io_shards, only: list_shards, named_shard, remove_covered, shard_type, verify_shard
+   use io_shards, only: finished_samples, list_shards, named_shard, order_shards, remove_covered, &
+                        shard_type, stored_samples, verify_shard
    use io_store, only: new_store, remove_leftovers, remove_store, shard_store
    use parallel_world, only: stop_world, world_type
    implicit none(type, external)

@@ -2,14 +2,14 @@
 !> joint or a dof at a time.
 module driver_regression
    use campaign_estimates, only: case_estimates
-   use campaign_law, only: draw_law
    use campaign_plan, only: kept_dofs, plan_type
-   use campaign_pooling, only: case_pool, estimators_of, find_points, find_pools, reason_for_plain
+   use campaign_pooling, only: case_pool, draw_law, estimators_of, find_points, find_pools, &
+                               reason_for_plain
    use campaign_results, only: block_result, case_statistics, list_statistics, listed_statistic, &
                                numbers_of, of_amplitude, of_dissipation, of_distance, of_slip
    use core_error, only: error_type
    use core_kinds, only: wp
-   use io_gathering, only: stored_samples
+   use io_shards, only: stored_samples
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: attend_to_others, world_type
    use process_model, only: process_model_type

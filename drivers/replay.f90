@@ -11,7 +11,7 @@ module driver_replay
    use core_kinds, only: wp
    use core_text, only: counted, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
-   use driver_choose_setting, only: keep_targets
+   use driver_trial_runs, only: keep_targets
    use driver_command_line, only: command_line
    use driver_deadline, only: start_watch, time_to_stop
    use driver_output, only: open_anew, output_type

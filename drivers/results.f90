@@ -16,12 +16,11 @@ module driver_results
    use driver_statistics, only: case_task, open_case, write_short
    use io_audit_results, only: write_audit
    use io_case_statistics, only: write_estimates
-   use io_gathering, only: stored_samples
    use io_group, only: group_type
    use io_hdf5, only: hdf5_file
    use io_process_results, only: write_process
    use io_results, only: begin_case, finish_case, finish_results, write_structure
-   use io_shards, only: remove_covered
+   use io_shards, only: remove_covered, stored_samples
    use io_store, only: discard_file
    use process_model, only: process_model_type, request_label
    use process_realization, only: draw_points

@@ -11,7 +11,7 @@ module driver_run
    use core_kinds, only: long, wp
    use core_text, only: counted, duration, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
-   use driver_choose_setting, only: keep_targets
+   use driver_trial_runs, only: keep_targets
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
    use driver_judge_results, only: judge, take_more, tell_errors

@@ -11,7 +11,7 @@ module driver_statistics
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_blocks, only: put_short
-   use io_gathering, only: stored_samples
+   use io_shards, only: stored_samples
    use io_group, only: group_type
    use numerics_correlated, only: n_batches
    use parallel_work, only: new_counter, work_counter

@@ -1,21 +1,38 @@
-!> Settings of a scene measured by all ranks together.
+!> Settings of a scene measured by all ranks together, and chosen for the numerical errors that it
+!> wants: the least work that keeps them.
+!>
+!> The step is the scene's own. A coarser one would be another force, as `dt` is the distance of its
+!> values; a finer one would serve Newmark's scheme alone, and costs more than what is chosen
+!> without it (bench/targets.py, docs/accuracy.md).
+!>
+!> The choice is made from errors that a short march measures and from counted work, not from times:
+!> the same on any number of ranks and whenever a run is started again. It becomes the scene's own
+!> setting, and so part of what shards and results are known by.
 module driver_trial_runs
    use campaign_plan, only: plan_type
-   use core_error, only: error_type
+   use config_scene, only: scene_type
+   use core_error, only: error_type, exit_no_solution, exit_stopped, raise
    use core_kinds, only: wp
    use core_terminal, only: say
-   use core_text, only: counted, duration, to_text
+   use core_text, only: brief, counted, duration, labelled, to_text
    use driver_deadline, only: time_to_stop
+   use driver_tradeoff_text, only: setting_text
    use io_progress, only: progress_type
    use parallel_work, only: new_counter, work_counter
-   use parallel_world, only: world_type
+   use parallel_world, only: stop_world, world_type
+   use tradeoff_front, only: best, cheapest, keeps, rows_of, setting_row
    use tradeoff_marches, only: run_task
    use tradeoff_pilot, only: choose_every
+   use tradeoff_settings, only: use_setting
    use tradeoff_task_results, only: published_numbers, task_result
    use tradeoff_tasks, only: new_tradeoff, scope_type, tradeoff_type
    implicit none(type, external)
    private
    public :: measure_settings
+   public :: keep_targets
+
+   character, parameter :: line_feed = new_line('a')
+   real(wp), parameter :: budget = 3.0_wp   !! expected processor time of the measurement [s]
 
 contains
 
@@ -118,5 +135,80 @@ contains
       end subroutine share_published
 
    end subroutine share_result
+
+   !> Replaces the scene's setting where the scene has a target of numerical error; ends the run
+   !> where none keeps it, or where it is asked to stop. Collective.
+   subroutine keep_targets(world, force, scene, plan, choice)
+      type(world_type), intent(in) :: world
+      real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
+      type(scene_type), intent(inout) :: scene
+      type(plan_type), intent(inout) :: plan
+      character(:), allocatable, intent(out) :: choice   !! and why; '' without target
+      type(tradeoff_type) :: measured
+      type(setting_row), allocatable :: rows(:)
+      type(error_type), allocatable :: error
+      logical :: is_stopped
+      integer :: chosen
+
+      choice = ''
+      associate (points => plan%accuracy%target_slip_points, &
+                 ratio => plan%accuracy%target_band_ratio)
+         if (.not. (plan%has_structure .and. max(points, ratio) > 0.0_wp)) return
+         call measure_settings(world, plan, force, scope_type(budget=budget), .true., measured, &
+                               is_stopped, error)
+         call world%stop_on(error)
+         if (is_stopped) call stop_world(exit_stopped)
+         rows = rows_of(measured)
+         if (.not. any(keeps(rows, points, ratio))) &
+            call refuse(points, ratio, rows(best(rows, points, ratio)), plan, error)
+         call world%stop_on(error)
+         chosen = cheapest(rows, points, ratio, by_work=.true.)
+      end associate
+      call use_setting(rows(chosen)%setting, scene%integration)
+      call use_setting(rows(chosen)%setting, plan%integration)
+      choice = reason(rows(chosen), plan)
+      scene%text = scene%text//line_feed//'! accuracy: '//choice//line_feed
+      choice = labelled('accuracy', choice)
+      choice = choice(:len(choice) - 1)
+   end subroutine keep_targets
+
+   !> Refuses targets that no setting keeps; names the target and the nearest setting.
+   pure subroutine refuse(points, ratio, nearest, plan, error)
+      real(wp), intent(in) :: points, ratio   !! targets; 0: none
+      type(setting_row), intent(in) :: nearest
+      type(plan_type), intent(in) :: plan
+      type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: target, reached
+
+      if (.not. keeps(nearest, points, 0.0_wp)) then
+         target = 'accuracy%target_slip_points = '//to_text(points)
+         reached = brief(nearest%slip + 2*nearest%slip_error)//' points'
+      else
+         target = 'accuracy%target_band_ratio = '//to_text(ratio)
+         reached = brief(nearest%band_ratio + 2*nearest%band_ratio_error)
+      end if
+      call raise(error, exit_no_solution, target//': no setting keeps it; the nearest is '// &
+                 setting_text(nearest%setting, plan%integration%dt)//' with '//reached// &
+                 ', twice its standard error included')
+   end subroutine refuse
+
+   !> event, tolerance 1e-3: the least work at the scene's dt that keeps slip to 0.1 points
+   !> (measured 2.2e-9)
+   pure function reason(row, plan) result(text)
+      type(setting_row), intent(in) :: row
+      type(plan_type), intent(in) :: plan
+      character(:), allocatable :: text
+
+      text = setting_text(row%setting, plan%integration%dt)// &
+             ': the least work at the scene''s dt that keeps '
+      associate (points => plan%accuracy%target_slip_points, &
+                 ratio => plan%accuracy%target_band_ratio)
+         if (points > 0.0_wp) text = text//'slip to '//brief(points)//' points (measured '// &
+                                     brief(row%slip)//')'
+         if (points > 0.0_wp .and. ratio > 0.0_wp) text = text//' and '
+         if (ratio > 0.0_wp) text = text//'band ratios to '//brief(100*ratio)//' % (measured '// &
+                                    brief(100*row%band_ratio)//')'
+      end associate
+   end function reason
 
 end module driver_trial_runs

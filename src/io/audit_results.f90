@@ -7,7 +7,7 @@ module io_audit_results
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_blocks, only: kept_axis, put_short
-   use io_gathering, only: stored_samples
+   use io_shards, only: stored_samples
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file
    use io_results, only: case_group, finish_case, write_dofs

@@ -11,11 +11,10 @@ module io_results
    use io_blocks, only: kept_axis, put_long
    use io_contents, only: check_contents, note_contents
    use io_files, only: folder_of, sync_file
-   use io_gathering, only: stored_samples
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file, hdf5_object, object_of, open_hdf5
    use io_lock, only: lock_type
-   use io_shards, only: read_shard
+   use io_shards, only: read_shard, stored_samples
    use io_store, only: discard_file
    use numerics_correlated, only: n_batches
    use numerics_sparse, only: sparse_matrix, sparse_of

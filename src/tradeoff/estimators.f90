@@ -3,9 +3,8 @@
 !>
 !> The case is taken by itself; pooled with others it gains more.
 module tradeoff_estimators
-   use campaign_law, only: draw_law
    use campaign_plan, only: plan_type
-   use campaign_pooling, only: fewest_samples, find_points
+   use campaign_pooling, only: draw_law, fewest_samples, find_points
    use campaign_results, only: block_result
    use core_error, only: error_type
    use core_kinds, only: wp

@@ -12,14 +12,13 @@ module io_campaign
    use io_blocks, only: put_short
    use io_case_statistics, only: write_estimates
    use io_files, only: make_folder, process_id
-   use io_gathering, only: order_shards, stored_samples
    use io_group, only: group_type
    use io_identity, only: identity_type
    use io_lock, only: lock_type, take_lock
    use io_process_results, only: write_process
    use io_hdf5, only: hdf5_file, hdf5_object, object_of
    use io_results, only: begin_case, finish_case, finish_results, write_structure
-   use io_shards, only: list_shards, shard_type, write_shard
+   use io_shards, only: list_shards, order_shards, shard_type, stored_samples, write_shard
    use io_store, only: begin_file, discard_file, shard_store
    use process_model, only: process_model_type
    use structure_chain, only: build_chain

@@ -1,7 +1,4 @@
-"""Audits: what is repeated, what it tells, and that nothing finished is repeated again.
-
-Here too: io_error_results.
-"""
+"""Audits: what is repeated, what it tells, and that nothing finished is repeated again."""
 
 from __future__ import annotations
 
