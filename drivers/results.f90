@@ -14,8 +14,7 @@ module driver_results
    use driver_provenance, only: begin_results
    use driver_regression, only: find_estimates
    use driver_statistics, only: case_task, open_case, write_short
-   use io_audit_results, only: write_audit
-   use io_case_statistics, only: write_estimates
+   use io_case_statistics, only: write_audit, write_estimates
    use io_group, only: group_type
    use io_hdf5, only: hdf5_file
    use io_process_results, only: write_process

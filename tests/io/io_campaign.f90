@@ -8,9 +8,8 @@ module io_campaign
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use io_audit_results, only: write_audit
    use io_blocks, only: put_short
-   use io_case_statistics, only: write_estimates
+   use io_case_statistics, only: write_audit, write_estimates
    use io_files, only: make_folder, process_id
    use io_group, only: group_type
    use io_identity, only: identity_type
