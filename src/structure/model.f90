@@ -64,7 +64,10 @@ contains
       real(wp), allocatable :: slip_modes(:, :)
       integer :: j, n_zero
 
-      call set_sizes(structure)
+      structure%n_dof = size(structure%mass, 1)
+      structure%n_joints = size(structure%joint_stiffness)
+      structure%n_forces = size(structure%load, 2)
+      structure%n_points = maxval(structure%friction_point)
       call check_mass(structure%mass, names%mass, error)
       if (allocated(error)) return
 
@@ -77,15 +80,6 @@ contains
       if (allocated(error)) return
       call form_damping(damping, names%damping, structure, error)
    end subroutine build_structure
-
-   pure subroutine set_sizes(structure)
-      type(structure_type), intent(inout) :: structure
-
-      structure%n_dof = size(structure%mass, 1)
-      structure%n_joints = size(structure%joint_stiffness)
-      structure%n_forces = size(structure%load, 2)
-      structure%n_points = maxval(structure%friction_point)
-   end subroutine set_sizes
 
    subroutine check_mass(mass, name, error)
       real(wp), intent(in) :: mass(:, :)   !! (dof, dof) [kg]
@@ -139,15 +133,8 @@ contains
    !> True if M is diagonal.
    pure logical function has_lumped_mass(self)
       class(structure_type), intent(in) :: self
-      integer :: i, j
 
-      has_lumped_mass = .false.
-      do j = 1, self%n_dof
-         do i = 1, self%n_dof
-            if (i /= j .and. self%mass(i, j) /= 0.0_wp) return
-         end do
-      end do
-      has_lumped_mass = .true.
+      has_lumped_mass = count(abs(self%mass) > 0.0_wp) == self%n_dof   ! its diagonal is positive
    end function has_lumped_mass
 
    !> Diagonal of M (dof) [kg].

@@ -84,7 +84,8 @@ contains
       type(transition_group), intent(in) :: group
       integer, intent(in) :: entry
 
-      if (self%paths%is_local(group%joint(entry))) error stop 'dynamics_exact_base_system: correct'
+      if (self%paths%answers%is_local(group%joint(entry))) &
+         error stop 'dynamics_exact_base_system: correct'
    end subroutine correct
 
    !> Switches a joint in the regimes of its lane and in the account of its sample.

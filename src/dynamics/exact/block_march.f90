@@ -55,7 +55,9 @@ contains
          base%keeps_ledger = state%keeps_ledger
          call base%begin()
          call find_kept(base, state)
-         room%is_independent = all(base%paths%is_local) .and. all(base%paths%free_span >= 1.0_wp)
+         associate (answers => base%paths%answers)
+            room%is_independent = all(answers%is_local) .and. all(answers%free_span >= 1.0_wp)
+         end associate
          room%has_frictionless = any(.not. state%slip_limit > 0.0_wp)
          allocate (room%groups(1))
          allocate (room%displacement(width, state%n_dof, merge(records_together, 0, &
@@ -170,7 +172,7 @@ contains
                      if (paths%keeps_slack) paths%slack(l, j) = group%is_clear(e)
                      cycle
                   end if
-                  if (.not. paths%is_local(j)) paths%is_involved(l) = .true.
+                  if (.not. paths%answers%is_local(j)) paths%is_involved(l) = .true.
                   do k = 1, g
                      if (paths%is_involved(l)) exit
                      do i = 1, merge(groups(k)%n, e - 1, k < g)
@@ -196,7 +198,7 @@ contains
 
       earliest = merge(group%time(e), 0.0_wp, group%verdict(e) == plain)
       latest = merge(others%time(i), 1.0_wp, others%verdict(i) == plain)
-      moves = latest - earliest > paths%free_span(others%joint(i), group%joint(e))
+      moves = latest - earliest > paths%answers%free_span(others%joint(i), group%joint(e))
    end function moves
 
    !> Enters the transitions of a group, of samples that are not marched again, in their order.

@@ -7,13 +7,25 @@ module dynamics_exact_joint_paths
    use dynamics_response, only: block_state
    implicit none(type, external)
    private
-   public :: joint_paths, padded_rows, width
+   public :: joint_paths, local_answers, padded_rows, width
    public :: layer_slider, layer_reach, layer_side, layer_spring
 
    integer, parameter :: width = 32   !! samples side by side
    integer, parameter :: layer_slider = 1, layer_reach = 2, layer_side = 3, layer_spring = 4
    !> Reach of a joint that is never watched, as it has no friction or its lane no sample [m]
    real(wp), parameter :: boundless = 1.0e150_wp
+
+   !> Answers of the dofs around a joint to its transitions, by sums over the series of its own dof
+   !> (7).
+   type :: local_answers
+      logical, allocatable :: is_local(:)       !! (joint) answered by its own row (8)
+      !> (other, joint): joints that switch more parts than this after one are moved too much (9)
+      real(wp), allocatable :: free_span(:, :)
+      integer, allocatable :: first(:)          !! (dof + 1)
+      integer, allocatable :: dof(:)            !! (entry)
+      real(wp), allocatable :: value(:, :)      !! N_1 .. N_4 (1:4, entry)
+      real(wp), allocatable :: own(:, :)        !! (1:4, row) the same of the dof itself
+   end type local_answers
 
    !> Row r of x holds a path, x_0 + x_1 t + ... + x_P t^P with t from 0 to 1: power k in layer
    !> layer(k). Its end x(1), x'(1) goes to the layers finish(0:1), which the next part starts from.
@@ -30,10 +42,7 @@ module dynamics_exact_joint_paths
       integer, allocatable :: suspect(:)
       logical :: is_involved(width) = .false.   !! samples marched through the part again
       logical, allocatable :: is_shared(:)      !! (joint) other joints are on its row
-      logical, allocatable :: is_local(:)       !! (joint) answered by its own row (8)
-      !> (other, joint): joints that switch more parts than this after one are moved too much (9)
-      real(wp), allocatable :: free_span(:, :)
-      real(wp), allocatable :: own(:, :)        !! (1:4, row) of a row that answers so (7)
+      type(local_answers) :: answers            !! without is_local no joint is answered locally
       integer, allocatable :: layer(:)          !! (0:degree)
       integer :: finish(0:1) = 0, spare(0:1) = 0   !! spare: room for other ends
       real(wp), pointer, contiguous :: x(:, :, :) => null()          !! (lane, row, layer)
@@ -80,9 +89,11 @@ contains
       allocate (self%base, source=base)
       allocate (self%spring, source=spring)
       allocate (self%suspect(width*self%n_joints))
-      self%is_local = spread(.false., 1, self%n_joints)
-      self%free_span = reshape([real(wp) ::], [0, 0])
-      self%own = spread(spread(0.0_wp, 1, 4), 2, self%n_rows)
+      if (.not. allocated(self%answers%is_local)) then
+         allocate (self%answers%is_local(self%n_joints), source=.false.)
+         allocate (self%answers%free_span(0, 0))
+         allocate (self%answers%own(4, self%n_rows), source=0.0_wp)
+      end if
       self%is_shared = [(count(row == row(j)) > 1, j=1, self%n_joints)]
       self%joint_row = [row, pack([(r, r=1, self%n_rows)], [(all(row /= r), r=1, self%n_rows)])]
       self%joint = [(min(j, self%n_joints + 1), j=1, size(self%joint_row))]

@@ -2,6 +2,7 @@
 !> (7), and which joints they are exact enough for (8); see docs/exact_march.md.
 module dynamics_exact_local_answers
    use core_kinds, only: wp
+   use dynamics_exact_joint_paths, only: local_answers
    use dynamics_exact_series, only: form_matrices, series_type, without_diagonal
    use dynamics_exact_transitions, only: fall, n_near
    use numerics_lapack, only: multiply
@@ -9,22 +10,12 @@ module dynamics_exact_local_answers
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: local_answers, new_local_answers
-
-   !> Responses of the dofs around one that is moved.
-   type :: local_answers
-      logical, allocatable :: is_local(:)       !! (joint)
-      real(wp), allocatable :: free_span(:, :)  !! (other, joint), see joint_paths (9)
-      integer, allocatable :: first(:)          !! (dof + 1)
-      integer, allocatable :: dof(:)            !! (entry)
-      real(wp), allocatable :: value(:, :)      !! N_1 .. N_4 (1:4, entry)
-      real(wp), allocatable :: own(:, :)        !! (1:4, dof) the same of the dof itself
-   end type local_answers
+   public :: find_answers
 
 contains
 
-   !> Prepares the answers to a tolerance relative to the rms displacement.
-   subroutine new_local_answers(structure, series, tolerance, answers)
+   !> Finds the answers to a tolerance relative to the rms displacement.
+   subroutine find_answers(structure, series, tolerance, answers)
       type(structure_type), intent(in) :: structure
       type(series_type), intent(in) :: series
       real(wp), intent(in) :: tolerance
@@ -41,7 +32,7 @@ contains
          if (half == 1) call find_near(damping, stiffness, series, tolerance, answers)
       end do
       call find_local(damping, stiffness, series, tolerance, answers)
-   end subroutine new_local_answers
+   end subroutine find_answers
 
    !> Finds the columns of N_1 .. N_4, which say how the dofs around one follow it (7): -C^, C^ C~ -
    !> K^, C^ K~ + K^ C~, K^ K~; C~ and K~ are without diagonals.
@@ -64,7 +55,8 @@ contains
       allocate (squared, mold=damping)
       call multiply(damping, off_damping, squared)
       springs = sparse_of(stiffness)
-      allocate (answers%dof(0), answers%value(n_near, 0), answers%own(n_near, size(damping, 1)))
+      allocate (answers%dof(0), answers%value(n_near, 0))
+      allocate (answers%own(n_near, series%n_rows), source=0.0_wp)
       answers%first = [1]
       do j = 1, size(damping, 1)
          column(:, 1) = -damping(:, j)

@@ -10,8 +10,9 @@ module dynamics_exact_series_form
    use dynamics_exact_base_system, only: base_system, raise_too_many, switch_joint
    use dynamics_exact_free_steps, only: expand_block, finish_part, follow_links
    use dynamics_exact_guard_zeros, only: first_transition, no_crossing
-   use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, width
-   use dynamics_exact_local_answers, only: local_answers, new_local_answers
+   use dynamics_exact_joint_paths, only: joint_paths, layer_reach, layer_side, layer_slider, &
+                                         local_answers, width
+   use dynamics_exact_local_answers, only: find_answers
    use dynamics_exact_ledger, only: ledger_type, new_ledger
    use dynamics_exact_series, only: new_series, series_type
    use dynamics_exact_transitions, only: n_near, transition_group
@@ -25,7 +26,6 @@ module dynamics_exact_series_form
    type, extends(base_system) :: series_form
       type(series_type) :: series
       type(ledger_type) :: ledger
-      type(local_answers) :: answers
       logical :: has_works = .false.                !! of the part, added by redo
    contains
       procedure :: begin
@@ -55,7 +55,7 @@ contains
       form%n_kept = structure%n_dof
       call new_series(structure, dt, parts, tolerance, form%series)
       form%ledger = new_ledger(form%series, structure, tolerance)
-      call new_local_answers(structure, form%series, tolerance, form%answers)
+      call find_answers(structure, form%series, tolerance, form%paths%answers)
    end subroutine new_series_form
 
    !> Work of a step of so many parts (11). A transition that is not answered locally begins all
@@ -68,7 +68,7 @@ contains
       work%step = parts*self%series%work()
       work%lanes = width
       work%n_parts = parts
-      associate (is_local => self%answers%is_local)
+      associate (is_local => self%paths%answers%is_local)
          work%share_anew = real(count(.not. is_local), wp)/max(1, size(is_local))
       end associate
       work%transition = (1.0_wp - work%share_anew)*local + work%share_anew*anew
@@ -80,9 +80,6 @@ contains
 
       call self%paths%start(self%series%degree, self%n_forces, self%series%diagonal, &
                             self%series%row, self%series%spring)
-      self%paths%is_local = self%answers%is_local
-      self%paths%free_span = self%answers%free_span
-      self%paths%own(:, :self%series%n_dof) = self%answers%own
    end subroutine begin
 
    !> See base_system. Velocities are in m per part here, in m/s in the block.
@@ -134,7 +131,7 @@ contains
       integer, intent(in) :: entry
 
       associate (x => self%paths%x, finish => self%paths%finish)
-         call add_answer(size(x, 2), self%answers, group, entry, x(1, 1, finish(0)), &
+         call add_answer(size(x, 2), self%paths%answers, group, entry, x(1, 1, finish(0)), &
                          x(1, 1, finish(1)))
       end associate
       if (self%keeps_ledger) call note_answer(self, group, entry)
@@ -149,7 +146,7 @@ contains
       integer :: e, i
 
       associate (l => group%lane(entry), row => group%row(entry), area => self%ledger%area, &
-                 answers => self%answers)
+                 answers => self%paths%answers)
          call self%ledger%note_answer(l, row, group%time(entry), group%answer(entry, :))
          do i = 1, size(self%series%loaded)
             if (self%series%loaded(i) == row) area(l, i) = area(l, i) + group%ends(entry, 3)
@@ -213,10 +210,7 @@ contains
          call find_crossings()
          first = minval(crossing, 2)
          span = min(first, 1.0_wp - now)
-         associate (x => self%paths%x, from => self%paths%layer(0), to => self%paths%finish(0))
-            call move_on(self%series%degree, size(x, 2), span, x(1, 1, from), x(1, 1, 2), &
-                         x(1, 1, to))
-         end associate
+         call move_on(self%paths, span)
          if (self%keeps_ledger) call count_works(self, span, is_on_way)
          do l = 1, width
             if (is_on_way(l)) call go_to_transition()
@@ -287,28 +281,21 @@ contains
    end subroutine redo
 
    !> Finds the ends of all paths after a span of their own.
-   pure subroutine move_on(degree, top, span, start, x, finish)
-      integer, intent(in) :: degree, top
-      real(wp), intent(in) :: span(width)            !! [parts]
-      real(wp), intent(in) :: start(width, top, 0:1)   !! powers 0 and 1
-      real(wp), intent(in) :: x(width, top, 2:degree)
-      real(wp), intent(inout) :: finish(width, top, 0:1)
+   pure subroutine move_on(paths, span)
+      type(joint_paths), intent(inout) :: paths
+      real(wp), intent(in) :: span(width)   !! [parts]
       real(wp), dimension(width) :: slope, value
       integer :: i, k
 
-      do i = 1, top
-         value = x(:, i, degree)
+      do i = 1, paths%n_rows
+         value = paths%x(:, i, paths%degree)
          slope = 0.0_wp
-         do k = degree - 1, 2, -1
+         do k = paths%degree - 1, 0, -1
             slope = slope*span + value
-            value = value*span + x(:, i, k)
+            value = value*span + paths%x(:, i, paths%layer(k))
          end do
-         do k = 1, 0, -1
-            slope = slope*span + value
-            value = value*span + start(:, i, k)
-         end do
-         finish(:, i, 0) = value
-         finish(:, i, 1) = slope
+         paths%x(:, i, paths%finish(0)) = value
+         paths%x(:, i, paths%finish(1)) = slope
       end do
    end subroutine move_on
 

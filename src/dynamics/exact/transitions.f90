@@ -107,7 +107,7 @@ contains
       type(joint_paths), intent(in) :: paths
       type(transition_group), intent(inout) :: group
 
-      call take_regimes(paths, paths%own, paths%regime, paths%stiffness, group)
+      call take_regimes(paths, group)
       group%path(:, 3:paths%degree) = group%path(:, 3:paths%degree) &
                                       + group%answer(:, 3:paths%degree)
       if (abs(group%side(1)) > 0.0_wp) return
@@ -120,7 +120,7 @@ contains
       type(joint_paths), intent(in) :: paths
       integer, intent(in) :: list(:)   !! of paths%suspect
       type(transition_group), intent(inout) :: group
-      integer :: e
+      integer :: e, k
 
       group%n = size(list)
       do e = 1, group%n
@@ -128,51 +128,32 @@ contains
          group%lane(e) = 1 + iand(list(e) - 1, width - 1)
          group%joint(e) = 1 + (list(e) - 1)/width
          group%row(e) = paths%row(group%joint(e))
+         associate (x => paths%x, l => group%lane(e), row => group%row(e))
+            group%path(e, 0) = x(l, row, paths%layer(0))
+            group%path(e, 1) = x(l, row, paths%layer(1))
+            do k = 2, degree
+               group%path(e, k) = x(l, row, k)
+            end do
+         end associate
       end do
-      associate (x => paths%x)
-         call take_paths(degree, paths%top, x(1, 1, paths%layer(0)), x(1, 1, paths%layer(1)), &
-                         x(1, 1, 2), group)
-      end associate
-      call take_regimes(paths, paths%own, paths%regime, paths%stiffness, group)
+      call take_regimes(paths, group)
       group%time = 0.0_wp
    end subroutine take_suspects
 
-   pure subroutine take_paths(degree, top, x0, x1, x, group)
-      integer, value :: degree
-      integer, intent(in) :: top   !! rows
-      real(wp), intent(in), dimension(width, top) :: x0, x1
-      real(wp), intent(in) :: x(width, top, 2:degree)
-      type(transition_group), intent(inout) :: group
-      integer :: e, k, l, row
-
-      do e = 1, group%n
-         l = group%lane(e)
-         row = group%row(e)
-         group%path(e, 0) = x0(l, row)
-         group%path(e, 1) = x1(l, row)
-         do k = 2, degree
-            group%path(e, k) = x(l, row, k)
-         end do
-      end do
-   end subroutine take_paths
-
-   pure subroutine take_regimes(paths, own, regime, stiffness, group)
+   pure subroutine take_regimes(paths, group)
       type(joint_paths), intent(in) :: paths
-      real(wp), intent(in) :: own(n_near, paths%n_rows), regime(width, paths%n_joints + 1, 4)
-      real(wp), intent(in) :: stiffness(width, paths%top)
       type(transition_group), intent(inout) :: group
-      integer :: e, j, l, row
+      integer :: e
 
       do e = 1, group%n
-         l = group%lane(e)
-         j = group%joint(e)
-         row = group%row(e)
-         group%slider(e) = regime(l, j, layer_slider)
-         group%reach(e) = regime(l, j, layer_reach)
-         group%side(e) = regime(l, j, layer_side)
-         group%spring(e) = regime(l, j, layer_spring)
-         group%own(e, :) = own(:, row)
-         group%stiffness(e) = stiffness(l, row)
+         associate (l => group%lane(e), j => group%joint(e), row => group%row(e))
+            group%slider(e) = paths%regime(l, j, layer_slider)
+            group%reach(e) = paths%regime(l, j, layer_reach)
+            group%side(e) = paths%regime(l, j, layer_side)
+            group%spring(e) = paths%regime(l, j, layer_spring)
+            group%own(e, :) = paths%answers%own(:, row)
+            group%stiffness(e) = paths%stiffness(l, row)
+         end associate
       end do
    end subroutine take_regimes
 
