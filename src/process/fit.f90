@@ -1,7 +1,7 @@
 !> Any requested process: the one call that solves it or says why not.
 module process_fit
-   use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
-   use core_kinds, only: long, wp
+   use core_error, only: error_type, exit_bad_input, raise
+   use core_kinds, only: long
    use core_text, only: to_text
    use process_direct_fit, only: conclude_direct, fit_unconstrained
    use process_direct_limits, only: certainly_feasible_m_max, find_complaint

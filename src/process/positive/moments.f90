@@ -145,8 +145,7 @@ contains
       integer, intent(in) :: order
       real(wp), intent(in) :: tail_l0          !! sum of |rho(m)| beyond n_lags
       real(wp), intent(in) :: tail_moment      !! sum of m |rho(m)| beyond n_lags
-      !> (0:) of K(m), as many as of the companion; absent: those of the companion
-      real(wp), intent(in), optional :: signs(0:)
+      real(wp), intent(in) :: signs(0:)        !! of K(m), as many as of the companion
       type(positive_moments) :: moments
       type(control_type) :: control
       real(wp), allocatable :: weights(:, :)   ! (0:last, 3) of rows: K(0), sum |K|, sum m |K|
@@ -157,7 +156,7 @@ contains
       real(wp) :: k(3), n, offset, unused
       integer :: i, last
 
-      call arrange_rows(batches, companion, weights, known, n_products, signs)
+      call arrange_rows(batches, companion, signs, weights, known, n_products)
       last = size(known) - 1
       control = controls_of(batches, known, weights, order)
 
@@ -199,11 +198,10 @@ contains
    end function estimate_moments
 
    !> Arranges weights and known values of the rows of the batches, to the companion's last lag.
-   pure subroutine arrange_rows(batches, companion, weights, known, n_products, signs)
+   pure subroutine arrange_rows(batches, companion, signs, weights, known, n_products)
       type(batch_averages), intent(in) :: batches
-      real(wp), intent(in) :: companion(0:)
+      real(wp), intent(in) :: companion(0:), signs(0:)
       real(wp), allocatable, intent(out) :: weights(:, :), known(:), n_products(:)
-      real(wp), intent(in), optional :: signs(0:)
       integer :: last, m, n_lags
 
       n_lags = ubound(companion, 1)
@@ -214,8 +212,7 @@ contains
       known(0) = companion(0)
       n_products(0) = 1.0_wp
       do m = 1, min(n_lags, batches%n_single)
-         weights(m, 2) = sign(1.0_wp, companion(m))
-         if (present(signs)) weights(m, 2) = signs(m)
+         weights(m, 2) = signs(m)
          weights(m, 3) = m*weights(m, 2)
          known(m) = companion(m)
          n_products(m) = 1.0_wp

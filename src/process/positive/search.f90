@@ -49,7 +49,7 @@ contains
       ratio = request%std/request%mean
       is_limited = .true.
       if (present(sequence)) is_limited = all(sequence%s >= 0.0_wp)   ! else std may exceed the mean
-      if (is_limited .and. ratio >= 1.0_wp) then
+      if (is_limited .and. ratio >= 1.0_wp .and. request%mean > 0.0_wp) then
          call raise(error, exit_no_solution, 'positive process with std/mean = '// &
                     rounded_text(ratio, 6)//': K(m) >= 0 needs std < mean')
          return
@@ -57,7 +57,7 @@ contains
       call begin(request, seed, law, error, sequence=sequence)
       if (allocated(error)) return
       do i = 0, most_halvings
-         call start_at(min(0.5_wp**i*ratio, merge(1.0_wp, steep, is_limited)))
+         call start_at(min(0.5_wp**i*ratio, steep))
          if (allocated(error)) return
          call climb(law, 0.5_wp**i*ratio, ratio, limit)
          if (law%is_exhausted()) exit
