@@ -118,8 +118,10 @@ contains
             call task%close(output%world, plan, stored, statistics(number), error)
             if (output%world%any_true(allocated(error))) return
             if (k < size(numbers)) call open_task(k + 1)
-            if (output%world%is_root()) &
-               call finish(plan, number, runner, stored, file, groups(number), error)
+            if (.not. output%world%is_root()) cycle
+            call finish_case(groups(number), plan, number, stored, error)
+            if (audit_of(plan, number) > 0 .and. .not. allocated(error)) &
+               call finish_audit(plan, audit_of(plan, number), runner%layout, stored, file, error)
          end associate
       end do
       if (output%world%any_true(allocated(error))) return
@@ -168,23 +170,6 @@ contains
          call write_short(plan, number, stored, group, error)
       end associate
    end subroutine begin
-
-   !> Writes the rest of a case's samples: their long data, and their audit.
-   subroutine finish(plan, number, runner, stored, file, group, error)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number   !! of the case
-      type(runner_type), intent(in) :: runner
-      type(stored_samples), intent(in) :: stored
-      type(hdf5_file), intent(in) :: file
-      type(group_type), intent(inout) :: group
-      type(error_type), allocatable, intent(out) :: error
-      integer :: audit
-
-      call finish_case(group, plan, number, stored, error)
-      if (allocated(error)) return
-      audit = audit_of(plan, number)
-      if (audit > 0) call finish_audit(plan, audit, runner%layout, stored, file, error)
-   end subroutine finish
 
    !> Compares the audit with the samples that it repeats, and writes it; for the root alone.
    subroutine finish_audit(plan, audit, layout, stored, file, error)
