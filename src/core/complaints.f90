@@ -1,5 +1,6 @@
 !> All complaints about a scene and its files, in the order of their lines, each with a caret.
 module core_complaints
+   use core_kinds, only: long
    use core_source, only: source_type
    use core_text, only: to_text
    implicit none(type, external)
@@ -9,12 +10,12 @@ module core_complaints
    integer, parameter :: max_kept = 200   !! more are counted, not shown
    integer, parameter :: window = 76      !! bytes of the offending line that are shown
    integer, parameter :: longest_character = 4   !! bytes, UTF-8
+   integer(long), parameter :: longest_line = 2_long**25, beyond = 2_long**61   !! of all lines
    integer, parameter :: tab = 9, first_printable = 32, delete = 127, first_continuation = 128, &
                          last_continuation = 191
 
    type :: complaint_type
-      integer :: line = 0, column = 0
-      logical :: is_override = .false.         !! --set options come after the file
+      integer(long) :: place = huge(1_long)    !! ascends through the file, then the --set options
       character(:), allocatable :: text
    end type complaint_type
 
@@ -41,9 +42,7 @@ contains
       character(*), intent(in) :: message
       type(complaint_type) :: complaint
 
-      complaint%line = line
-      complaint%column = column
-      complaint%is_override = source%name == '--set'
+      complaint%place = merge(beyond, 0_long, source%name == '--set') + line*longest_line + column
       complaint%text = source%name//':'//to_text(line)//': '//message// &
                        excerpt(source%line(line), column)
       call self%keep(complaint)
@@ -55,8 +54,6 @@ contains
       character(*), intent(in) :: message
       type(complaint_type) :: complaint
 
-      complaint%line = huge(1)   ! behind all others
-      complaint%is_override = .true.
       complaint%text = message
       call self%keep(complaint)
    end subroutine add_general
@@ -71,7 +68,7 @@ contains
       if (.not. allocated(self%kept)) allocate (self%kept(max_kept))
       if (self%n_kept < max_kept) then
          do i = self%n_kept, 1, -1
-            if (.not. precedes(complaint, self%kept(i))) exit
+            if (complaint%place >= self%kept(i)%place) exit
             self%kept(i + 1) = self%kept(i)
          end do
          self%kept(i + 1) = complaint
@@ -87,18 +84,6 @@ contains
       end do
       if (self%n > max_kept) self%text = self%text//new_line('a')//'... and 1 more'
    end subroutine keep
-
-   pure logical function precedes(a, b)
-      type(complaint_type), intent(in) :: a, b
-
-      if (a%is_override .neqv. b%is_override) then
-         precedes = b%is_override
-      else if (a%line /= b%line) then
-         precedes = a%line < b%line
-      else
-         precedes = a%column < b%column
-      end if
-   end function precedes
 
    !> The line, and below it a caret under the column; a long line is cut around the column.
    pure function excerpt(line, column) result(text)
