@@ -141,24 +141,26 @@ contains
    end subroutine use_one_thread
 
    !> Finds all pairs of A x = lambda B x, A symmetric, B symmetric positive definite; X' B X = 1.
-   subroutine solve_symmetric_eigenproblem(a, b, eigenvalues, eigenvectors, error)
+   !> Values alone cost a third.
+   subroutine solve_symmetric_eigenproblem(a, b, eigenvalues, error, eigenvectors)
       real(wp), intent(in) :: a(:, :), b(:, :)               !! (n, n)
       real(wp), allocatable, intent(out) :: eigenvalues(:)      !! (n), ascending
-      real(wp), allocatable, intent(out) :: eigenvectors(:, :)  !! (n, pair)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: factor(:, :), work(:)
+      real(wp), allocatable, intent(out), optional :: eigenvectors(:, :)  !! (n, pair)
+      real(wp), allocatable :: factor(:, :), matrix(:, :), work(:)
       integer, allocatable :: integer_work(:)
       integer :: info, n
 
       n = size(a, 1)
-      allocate (eigenvectors, source=a)   ! not by =, which would read bounds it does not have yet
+      allocate (matrix, source=a)   ! not by =, which would read bounds it does not have yet
       allocate (factor, source=b)
       allocate (eigenvalues(n), work(1 + 6*n + 2*n**2), integer_work(3 + 5*n))   ! as LAPACK asks
       call use_one_thread()
-      call dsygvd(1, 'V', 'L', n, eigenvectors, n, factor, n, eigenvalues, work, size(work), &
-                  integer_work, size(integer_work), info)
+      call dsygvd(1, merge('V', 'N', present(eigenvectors)), 'L', n, matrix, n, factor, n, &
+                  eigenvalues, work, size(work), integer_work, size(integer_work), info)
       if (info /= 0) call raise(error, exit_no_solution, 'symmetric eigenproblem of order '// &
                                 to_text(n)//': LAPACK dsygvd returned '//to_text(info))
+      if (present(eigenvectors)) call move_alloc(matrix, eigenvectors)
    end subroutine solve_symmetric_eigenproblem
 
    !> Finds all eigenvalues of a symmetric matrix and overwrites it by its unit eigenvectors.

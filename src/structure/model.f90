@@ -61,7 +61,6 @@ contains
       type(part_names), intent(in) :: names
       type(structure_type), intent(inout) :: structure
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: slip_modes(:, :)
       integer :: j, n_zero
 
       structure%n_dof = size(structure%mass, 1)
@@ -71,12 +70,12 @@ contains
       call check_mass(structure%mass, names%mass, error)
       if (allocated(error)) return
 
-      call find_modes(structure%stiffness, structure%mass, structure%frequencies_slip, &
-                      slip_modes, n_zero, error)
+      call find_modes(structure%stiffness, structure%mass, structure%frequencies_slip, n_zero, &
+                      error)
       if (allocated(error)) return
       call find_modes(structure%stuck_stiffness([(.true., j=1, structure%n_joints)]), &
-                      structure%mass, structure%frequencies_stuck, structure%modes_stuck, &
-                      structure%n_zero_modes, error, names%stiffness)
+                      structure%mass, structure%frequencies_stuck, structure%n_zero_modes, error, &
+                      structure%modes_stuck, names%stiffness)
       if (allocated(error)) return
       call form_damping(damping, names%damping, structure, error)
    end subroutine build_structure
@@ -100,11 +99,11 @@ contains
       character(*), intent(in) :: name
       type(structure_type), intent(inout) :: structure
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: decay(:), unused(:, :)
+      real(wp), allocatable :: decay(:)
 
       allocate (structure%damping_ratio(0))
       if (allocated(damping%matrix)) then
-         call solve_symmetric_eigenproblem(damping%matrix, structure%mass, decay, unused, error)
+         call solve_symmetric_eigenproblem(damping%matrix, structure%mass, decay, error)
          if (allocated(error)) return
          if (decay(1) < -least_share*maxval(abs(decay))) &
             call raise(error, exit_bad_input, name//': a damping matrix must not feed energy: '// &
@@ -163,40 +162,51 @@ contains
       end do
    end function stuck_stiffness
 
-   !> Finds natural frequencies [Hz], ascending, and mass-normalized modes (dof, mode).
+   !> Finds natural frequencies [Hz], ascending, and if asked for mass-normalized modes (dof, mode).
    !>
    !> An eigenvalue within 1e-10 of the largest is known to few digits. Its Rayleigh quotient takes
    !> its place: where that, too, cancels to 1e-10 of its terms, the mode is one without force. With
    !> a `name`, an eigenvalue that is more negative is refused.
-   subroutine find_modes(stiffness, mass, frequencies, modes, n_zero, error, name)
+   subroutine find_modes(stiffness, mass, frequencies, n_zero, error, modes, name)
       real(wp), intent(in) :: stiffness(:, :), mass(:, :)   !! (dof, dof) [N/m], [kg]
-      real(wp), allocatable, intent(out) :: frequencies(:), modes(:, :)
+      real(wp), allocatable, intent(out) :: frequencies(:)
       integer, intent(out) :: n_zero
       type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable, intent(out), optional :: modes(:, :)
       character(*), intent(in), optional :: name            !! name of K, with the joints stuck
-      real(wp), allocatable :: eigenvalues(:)
-      real(wp) :: energy, terms
+      real(wp), allocatable :: eigenvalues(:), vectors(:, :)
+      real(wp) :: energy, least, terms
       integer :: r
+      logical :: needs_vectors
 
       n_zero = 0
-      call solve_symmetric_eigenproblem(stiffness, mass, eigenvalues, modes, error)
+      needs_vectors = present(modes)
+      if (.not. needs_vectors) then
+         call solve_symmetric_eigenproblem(stiffness, mass, eigenvalues, error)
+         if (allocated(error)) return
+         needs_vectors = minval(abs(eigenvalues)) <= least_share*maxval(abs(eigenvalues))
+      end if
+      if (needs_vectors) &
+         call solve_symmetric_eigenproblem(stiffness, mass, eigenvalues, error, vectors)
       if (allocated(error)) return
-      associate (least => least_share*maxval(abs(eigenvalues)))
-         if (present(name) .and. eigenvalues(1) < -least) then
-            call raise(error, exit_bad_input, name//': with all joints stuck, the least '// &
-                       'eigenvalue over M is '//to_text(eigenvalues(1))//' 1/s^2: must not be '// &
-                       'negative, the structure would buckle')
-            return
-         end if
-         do r = 1, size(eigenvalues)
-            if (abs(eigenvalues(r)) > least) cycle
-            energy = dot_product(modes(:, r), matmul(stiffness, modes(:, r)))
-            terms = dot_product(abs(modes(:, r)), matmul(abs(stiffness), abs(modes(:, r))))
-            eigenvalues(r) = merge(energy, 0.0_wp, energy > least_share*terms)
-            if (.not. eigenvalues(r) > 0.0_wp) n_zero = n_zero + 1
-         end do
-      end associate
+      least = least_share*maxval(abs(eigenvalues))
+      if (present(name) .and. eigenvalues(1) < -least) then
+         call raise(error, exit_bad_input, name//': with all joints stuck, the least '// &
+                    'eigenvalue over M is '//to_text(eigenvalues(1))//' 1/s^2: must not be '// &
+                    'negative, the structure would buckle')
+         return
+      end if
+      do r = 1, size(eigenvalues)
+         if (abs(eigenvalues(r)) > least) cycle
+         associate (mode => vectors(:, r))
+            energy = dot_product(mode, matmul(stiffness, mode))
+            terms = dot_product(abs(mode), matmul(abs(stiffness), abs(mode)))
+         end associate
+         eigenvalues(r) = merge(energy, 0.0_wp, energy > least_share*terms)
+         if (.not. eigenvalues(r) > 0.0_wp) n_zero = n_zero + 1
+      end do
       allocate (frequencies, source=sqrt(max(eigenvalues, 0.0_wp))/two_pi)
+      if (present(modes)) call move_alloc(vectors, modes)
    end subroutine find_modes
 
    !> C = M Phi diag(2 zeta omega) Phi' M (dof, dof) [N s/m].
