@@ -53,11 +53,9 @@ module dynamics_newmark_block
       procedure :: foresee_passage
       procedure :: switch_at_nearer_end
       procedure :: add_work
-      procedure, private :: slip
-      procedure, private :: stick
+      procedure, private :: switch
       procedure, private :: set_regime
       procedure, private :: balance
-      procedure, private :: now
       procedure, private :: force_at
    end type newmark_block
 
@@ -227,12 +225,8 @@ contains
          i = self%frame%row(j)
          if (nearer == old .and. .not. is_nearer(i)) cycle
          if (.not. moves_on(i, nearer)) cycle
-         if (state%direction(j, w) /= 0) then
-            call self%stick(state, j, w, self%motion(i, 3, nearer, w))
-         else
-            call self%slip(state, j, w, self%motion(i, 3, nearer, w), &
-                           merge(1, -1, self%motion(i, 3, new, w) > self%bounds(i, 1, w)))
-         end if
+         call self%switch(state, j, w, &
+                          merge(1, -1, self%motion(i, 3, new, w) > self%bounds(i, 1, w)))
       end do
       self%until(w) = 0
       self%ticks(w) = shiftl(1_long, min(trailz(self%tick(w)), self%max_halvings))
@@ -277,47 +271,39 @@ contains
       end do
    end subroutine find_margins
 
-   !> Lets joint j slip from now on in a direction. Its spring carries mu N instead of what it had
-   !> come to.
-   subroutine slip(self, state, j, w, place, direction)
+   !> Changes the regime of joint j. One that starts to slip in a direction carries mu N instead of
+   !> what its spring had come to. One that sticks stands still, which relieves the dampers, and its
+   !> spring carries no more than mu N.
+   subroutine switch(self, state, j, w, outwards)
       class(newmark_block), intent(inout) :: self
       type(block_state), intent(inout) :: state
       integer, intent(in) :: j, w
-      real(wp), intent(in) :: place       !! w.x [m]
-      integer, intent(in) :: direction    !! +1 or -1
-      real(wp) :: excess
+      integer, intent(in) :: outwards   !! +1 or -1: direction in which it would slip
+      real(wp) :: place, slider, speed
+      integer :: direction
 
-      associate (a => self%motion(:self%frame%n_rows, 1, self%slot(w), w), &
-                 bounds => self%bounds(self%frame%row(j), :, w))
-         excess = bounds(4)*(direction*self%reach(j, w) - (place - bounds(1)))
-         a = a - self%frame%kick(:, j)*excess
-      end associate
-      call self%set_regime(j, w, direction, 0.0_wp)
-      call enter_transition(state, j, w, self%now(state, w), place, direction)
-   end subroutine slip
-
-   !> Lets joint j stick from now on: it stands still, which relieves the dampers, and its spring
-   !> carries no more than mu N.
-   subroutine stick(self, state, j, w, place)
-      class(newmark_block), intent(inout) :: self
-      type(block_state), intent(inout) :: state
-      integer, intent(in) :: j, w
-      real(wp), intent(in) :: place   !! w.x [m]
-      real(wp) :: slider, speed
-
+      slider = 0.0_wp
+      direction = merge(outwards, 0, state%direction(j, w) == 0)
       associate (motion => self%motion(:self%frame%n_rows, :, self%slot(w), w), &
-                 reach => self%reach(j, w))
-         speed = motion(self%frame%row(j), 2)
-         motion(:, 1) = motion(:, 1) + self%frame%relief(:, j)*speed
-         motion(:, 2) = motion(:, 2) - self%frame%lost(:, j)*speed
-         slider = slider_at(place, state%direction(j, w), reach)
-         do while (abs(place - slider) > reach)   ! by rounding
-            slider = nearest(slider, place - slider)
-         end do
+                 bounds => self%bounds(self%frame%row(j), :, w), reach => self%reach(j, w))
+         place = motion(self%frame%row(j), 3)
+         if (direction /= 0) then
+            motion(:, 1) = motion(:, 1) - self%frame%kick(:, j) &
+                           *(bounds(4)*(direction*reach - (place - bounds(1))))
+         else
+            speed = motion(self%frame%row(j), 2)
+            motion(:, 1) = motion(:, 1) + self%frame%relief(:, j)*speed
+            motion(:, 2) = motion(:, 2) - self%frame%lost(:, j)*speed
+            slider = slider_at(place, state%direction(j, w), reach)
+            do while (abs(place - slider) > reach)   ! by rounding
+               slider = nearest(slider, place - slider)
+            end do
+         end if
       end associate
-      call self%set_regime(j, w, 0, slider)
-      call enter_transition(state, j, w, self%now(state, w), place, 0)
-   end subroutine stick
+      call self%set_regime(j, w, direction, slider)
+      call enter_transition(state, j, w, state%step*self%dt + self%tick(w)*self%tick_size, place, &
+                            direction)
+   end subroutine switch
 
    !> Sets bounds and pattern of a joint that slips in a direction, or is stuck (0).
    !> One that carries nothing (mu N = 0) slips for ever.
@@ -402,15 +388,5 @@ contains
          force = f(1, :) + share*(f(2, :) - f(1, :))
       end associate
    end function force_at
-
-   !> Time of sample w [s].
-   pure function now(self, state, w) result(time)
-      class(newmark_block), intent(in) :: self
-      type(block_state), intent(in) :: state
-      integer, intent(in) :: w
-      real(wp) :: time
-
-      time = state%step*self%dt + self%tick(w)*self%tick_size
-   end function now
 
 end module dynamics_newmark_block
