@@ -5,7 +5,7 @@ module exact_cases
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use structure_model, only: structure_type
-   use dynamics_exact_march, only: exact_march, new_exact_march, parts_of_step
+   use dynamics_exact_march, only: exact_march, fewest_parts, new_exact_march
    use dynamics_exact_series_form, only: new_series_form, series_form
    use dynamics_joint, only: close_account
    use dynamics_response, only: block_state, start_block
@@ -49,7 +49,7 @@ contains
       type(exact_march), intent(inout) :: marcher
       type(series_form), allocatable :: form
 
-      marcher%parts = max(1, ceiling(parts_of_step(marcher%structure, marcher%dt)))
+      marcher%parts = fewest_parts(marcher%structure, marcher%dt)
       allocate (form)
       call new_series_form(marcher%structure, marcher%dt, marcher%parts, marcher%tolerance, form)
       marcher%form = 'power series'

@@ -5,7 +5,7 @@
 module dynamics_exact_ledger
    use core_kinds, only: wp
    use dynamics_exact_joint_paths, only: joint_paths, width
-   use dynamics_exact_series, only: form_matrices, most_degree, series_type
+   use dynamics_exact_series, only: most_degree, series_type
    use numerics_quadrature, only: gauss_legendre
    use numerics_sparse, only: sparse_matrix, sparse_of
    use structure_model, only: structure_type
@@ -49,7 +49,7 @@ contains
       real(wp), intent(in) :: tolerance
       type(ledger_type) :: ledger
       integer, parameter :: most = 12
-      real(wp), allocatable, dimension(:, :) :: damping, stiffness   ! C^, K^
+      real(wp), allocatable :: damping(:, :)   ! twice M C^/h^2 = C/h
       integer :: j, n
 
       do n = 2, most - 1
@@ -60,9 +60,8 @@ contains
       allocate (ledger%mass(series%n_dof), ledger%decay(series%n_dof))
       call gauss_legendre(0.0_wp, 1.0_wp, ledger%node, ledger%weight)
       ledger%mass = structure%lumped_mass()/series%h**2
-      call form_matrices(structure, series%h, damping, stiffness)
+      allocate (damping, source=2.0_wp/series%h*structure%damping)
       do j = 1, series%n_dof
-         damping(:, j) = 2.0_wp*ledger%mass*damping(:, j)
          ledger%decay(j) = 0.5_wp*damping(j, j)
          damping(:j, j) = 0.0_wp
       end do

@@ -15,7 +15,7 @@ module dynamics_exact_march
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: check_exact, exact_march, new_exact_march, parts_of_step
+   public :: check_exact, exact_march, fewest_parts, new_exact_march
 
    integer, parameter :: most_parts = 4096   !! of a step; more are refused
 
@@ -69,10 +69,8 @@ contains
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt, tolerance
 
-      longest_step = dt
       if (structure%has_lumped_mass()) then
-         if (parts_of_step(structure, dt) > most_parts) &
-            longest_step = most_parts*longest_part/fastest_rate(structure)
+         longest_step = min(dt, most_parts*longest_part/fastest_rate(structure))
       else
          longest_step = longest_in_parts(structure, most_parts, dt, tolerance)
       end if
@@ -87,7 +85,7 @@ contains
       type(march_work) :: work
       integer :: parts
 
-      parts = max(1, ceiling(parts_of_step(marcher%structure, marcher%dt)))
+      parts = fewest_parts(marcher%structure, marcher%dt)
       do while (parts <= most_parts)
          if (.not. allocated(form)) allocate (form)
          call new_series_form(marcher%structure, marcher%dt, parts, marcher%tolerance, form)
@@ -143,15 +141,12 @@ contains
       end associate
    end function transitions_of_step
 
-   !> How many parts of a step the fastest mode needs in power series, at least (4). Modes need no
-   !> parts for their own sake: 1 where the mass is not diagonal.
-   pure function parts_of_step(structure, dt) result(parts)
+   !> Parts of a step that power series need, at least (4).
+   pure integer function fewest_parts(structure, dt) result(parts)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt   !! [s]
-      real(wp) :: parts
 
-      parts = 1.0_wp
-      if (structure%has_lumped_mass()) parts = fastest_rate(structure)*dt/longest_part
-   end function parts_of_step
+      parts = max(1, ceiling(fastest_rate(structure)*dt/longest_part))
+   end function fewest_parts
 
 end module dynamics_exact_march
