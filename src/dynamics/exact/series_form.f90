@@ -10,8 +10,7 @@ module dynamics_exact_series_form
    use dynamics_exact_base_system, only: base_system, raise_too_many, switch_joint
    use dynamics_exact_free_steps, only: expand_block, finish_part, follow_links
    use dynamics_exact_guard_zeros, only: first_transition, no_crossing
-   use dynamics_exact_joint_paths, only: joint_paths, layer_reach, layer_side, layer_slider, &
-                                         local_answers, width
+   use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, local_answers, width
    use dynamics_exact_local_answers, only: find_answers
    use dynamics_exact_ledger, only: ledger_type, new_ledger
    use dynamics_exact_series, only: new_series, series_type
@@ -210,7 +209,10 @@ contains
          call find_crossings()
          first = minval(crossing, 2)
          span = min(first, 1.0_wp - now)
-         call move_on(self%paths, span)
+         associate (x => self%paths%x, from => self%paths%layer(0), to => self%paths%finish(0))
+            call move_on(self%series%degree, size(x, 2), span, x(1, 1, from), x(1, 1, 2), &
+                         x(1, 1, to))
+         end associate
          if (self%keeps_ledger) call count_works(self, span, is_on_way)
          do l = 1, width
             if (is_on_way(l)) call go_to_transition()
@@ -281,21 +283,28 @@ contains
    end subroutine redo
 
    !> Finds the ends of all paths after a span of their own.
-   pure subroutine move_on(paths, span)
-      type(joint_paths), intent(inout) :: paths
-      real(wp), intent(in) :: span(width)   !! [parts]
+   pure subroutine move_on(degree, top, span, start, x, finish)
+      integer, intent(in) :: degree, top
+      real(wp), intent(in) :: span(width)            !! [parts]
+      real(wp), intent(in) :: start(width, top, 0:1)   !! powers 0 and 1
+      real(wp), intent(in) :: x(width, top, 2:degree)
+      real(wp), intent(inout) :: finish(width, top, 0:1)
       real(wp), dimension(width) :: slope, value
       integer :: i, k
 
-      do i = 1, paths%n_rows
-         value = paths%x(:, i, paths%degree)
+      do i = 1, top
+         value = x(:, i, degree)
          slope = 0.0_wp
-         do k = paths%degree - 1, 0, -1
+         do k = degree - 1, 2, -1
             slope = slope*span + value
-            value = value*span + paths%x(:, i, paths%layer(k))
+            value = value*span + x(:, i, k)
          end do
-         paths%x(:, i, paths%finish(0)) = value
-         paths%x(:, i, paths%finish(1)) = slope
+         do k = 1, 0, -1
+            slope = slope*span + value
+            value = value*span + start(:, i, k)
+         end do
+         finish(:, i, 0) = value
+         finish(:, i, 1) = slope
       end do
    end subroutine move_on
 
