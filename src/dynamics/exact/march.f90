@@ -43,12 +43,12 @@ contains
          call try_modes(transitions, marcher, error)
    end subroutine new_exact_march
 
-   !> Refuses what cannot be marched.
+   !> Refuses what cannot be marched, or only in too many parts.
    pure subroutine check_exact(structure, dt, tolerance, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt, tolerance
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: longest
+      real(wp) :: longest   ! step [s]
 
       if (.not. dt > 0.0_wp) then
          call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be positive')
@@ -56,25 +56,17 @@ contains
          call raise(error, exit_bad_input, 'integration%tolerance = '//to_text(tolerance)// &
                     ': must be between 0 and 1')
       else
-         longest = longest_step(structure, dt, tolerance)
+         if (structure%has_lumped_mass()) then
+            longest = most_parts*longest_part/fastest_rate(structure)
+         else
+            longest = longest_in_parts(structure, most_parts, dt, tolerance)
+         end if
          if (dt > longest) call raise(error, exit_bad_input, &
                                       'integration%dt = '//to_text(dt)//': must be at most '// &
                                       rounded_text(longest, 6, down=.true.)// &
                                       ' with so light a mass, so stiff a spring or joint')
       end if
    end subroutine check_exact
-
-   !> Longest step [s] of most_parts parts, up to dt.
-   pure real(wp) function longest_step(structure, dt, tolerance)
-      type(structure_type), intent(in) :: structure
-      real(wp), intent(in) :: dt, tolerance
-
-      if (structure%has_lumped_mass()) then
-         longest_step = min(dt, most_parts*longest_part/fastest_rate(structure))
-      else
-         longest_step = longest_in_parts(structure, most_parts, dt, tolerance)
-      end if
-   end function longest_step
 
    !> Chooses power series in as many parts as take the least work: in shorter ones more joints are
    !> answered locally (8).
