@@ -64,8 +64,7 @@ contains
       real(wp), allocatable, intent(inout) :: values(:)
       integer, intent(inout) :: n
       type(complaint_list), intent(inout) :: complaints
-      character(len(line)) :: text
-      character(:), allocatable :: rule
+      character(:), allocatable :: rule, text
       real(wp) :: value
       integer :: first, last, n_before
 

@@ -93,14 +93,14 @@ contains
       character(:), allocatable :: line
 
       line = source%line(number)
-      if (number == 1 .and. index(line, byte_order_mark) == 1) line = line(len(byte_order_mark) + 1:)
+      if (number == 1 .and. index(line, byte_order_mark) == 1) line = line(4:)
       line = line(:scan(line//marks, marks) - 1)
    end function data_line
 
    !> Makes commas blanks. `rule` is allocated where a comma may be a decimal one, as in 0,3, or
    !> where no value stands before a separator; line(first:last) is the place.
    pure subroutine separate_commas(line, first, last, rule)
-      character(*), intent(inout) :: line
+      character(:), allocatable, intent(inout) :: line
       integer, intent(out) :: first, last
       character(:), allocatable, intent(out) :: rule
       integer :: comma, i, n
@@ -144,7 +144,7 @@ contains
       real(wp), intent(out) :: values(:)
       integer, intent(out) :: n
       character(:), allocatable, intent(out) :: rule
-      character(len(line)) :: text
+      character(:), allocatable :: text
       integer :: first, last
 
       values = 0.0_wp
