@@ -51,8 +51,8 @@ class Pair:
         try:
             return self.labels.index(label)
         except ValueError:
-            shown = ", ".join(self.labels[:_NAMED])
-            raise InputError(f"dof {label}: is not among {self.n_dof} dofs: {shown} ...") from None
+            shown = ", ".join(self.labels[:_NAMED]) + (" ..." if self.n_dof > _NAMED else "")
+            raise InputError(f"dof {label}: is not among {self.n_dof} dofs: {shown}") from None
 
 
 def symmetric_part(name: str, matrix: Matrix, labels: Sequence[str]) -> Matrix:

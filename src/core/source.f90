@@ -9,6 +9,7 @@ module core_source
    integer, parameter :: line_feed = 10
    !> Byte order mark, with which some editors begin UTF-8 text.
    character(*), parameter :: byte_order_mark = char(239)//char(187)//char(191)
+   character(*), parameter :: not_text = 'is not plain text: HDF5, UTF-16 or another binary format'
 
    !> A text and the places where its lines begin.
    type :: source_type
@@ -96,6 +97,8 @@ contains
          refusal = 'no such file'
       else if (size <= 0) then   ! the last two could keep us waiting for ever
          refusal = 'is empty, or a pipe or a device'
+      else if (is_hdf5_file(path)) then   ! of any size: results in place of a scene
+         refusal = not_text
       else if (size > most_bytes) then
          refusal = 'is larger than '//to_text(most_bytes/1024**2)//' MB'
       end if
@@ -107,7 +110,7 @@ contains
       if (status /= 0) then
          refusal = 'cannot be read: '//trim(reason)
       else if (index(text, achar(0)) > 0) then
-         refusal = 'is not plain text: HDF5, UTF-16 or another binary format'
+         refusal = not_text
       else
          source = new_source(path, text)
       end if

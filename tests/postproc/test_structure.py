@@ -357,7 +357,7 @@ def spoilt(folder):
         "stiffness": (of(f"{a}:soft"), "K: must have no negative eigenvalue; the lowest .* is -"),
         "unnamed": (of(SNIPPETS / "rod_STIF1.mtx"), "does not name its dofs"),
         "joint": (of(f"{a}:K", f"{a}:M", "--joint", "7", "--out", str(folder / "x")),
-                  "dof 7: is not among 3 dofs: 1, 2, 3"),
+                  "dof 7: is not among 3 dofs: 1, 2, 3$"),
         "force": (of(f"{a}:K", f"{a}:M", "--force", "7"), "dof 7: is not among 3 dofs: 1, 2, 3"),
         "modes": (of(f"{a}:K", f"{a}:M", "--joint", "1", "--modes", "5"),
                   "--modes 5: must be from 0 to 2"),
