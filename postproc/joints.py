@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,6 @@ class OfJoints:
     title: str
     unit: str
     dataset: str  # of samples, with means beside it but of the largest displacement
-    errors: str = "Monte Carlo"
 
     def is_in(self, case: Case) -> bool:
         """True if the case has it, with its error."""
@@ -40,9 +40,17 @@ class OfJoints:
         scale = 1.0 / case.duration if self.name == "power" else 1.0
         return scale * mean, scale * case.data[f"{self.dataset}_mean_error"].values
 
+    def errors(self, cases: Sequence[Case]) -> str:
+        """Parts of the errors of these cases: short marches do not tell their time average."""
+        if self.name != "slip":
+            return "Monte Carlo"
+        if all(case.has("slip_mean_time_error") for case in cases):
+            return "Monte Carlo and time average together"
+        return "Monte Carlo alone, without that of the time average"
+
 
 QUANTITIES = (
-    OfJoints("slip", "mean time in slip", "%", "slip", "Monte Carlo and time average together"),
+    OfJoints("slip", "mean time in slip", "%", "slip"),
     OfJoints("power", "dissipated power", "W", "dissipation"),
     OfJoints("distance", "slip distance", "m", "slip_distance"),
     OfJoints("displacement", "largest displacement", "m", "joint_displacement_max"),
@@ -50,7 +58,7 @@ QUANTITIES = (
 
 
 def slip_mean_error(case: Case) -> Values:
-    """Standard error of the mean time in slip: Monte Carlo and time average together."""
+    """Standard error of the mean time in slip: Monte Carlo, and time average where it is told."""
     error = case.data["slip_mean_error"].values
     if case.has("slip_mean_time_error"):
         error = np.hypot(error, case.data["slip_mean_time_error"].values)

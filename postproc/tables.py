@@ -200,7 +200,7 @@ def table_joints(cases: Sequence[Case], quantity: joints.OfJoints) -> Table:
     name = "joints" if quantity.name == "slip" else f"joints_{quantity.name}"
     title = f"{quantity.title[0].upper()}{quantity.title[1:]} of the joints [{quantity.unit}]"
     return Table(
-        name, title, header, rows, f"{_ERRORS} {quantity.errors}.",
+        name, title, header, rows, f"{_ERRORS} {quantity.errors(cases)}.",
         is_detail=len(cases) > _MOST_COLUMNS, is_result=True,
     )  # fmt: skip
 

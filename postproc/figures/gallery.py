@@ -168,7 +168,8 @@ def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
             yield Figure(
                 f"along_{quantity.name}",
                 f"{quantity.title[0].upper()}{quantity.title[1:]} along the structure",
-                f"Mean over samples of each joint. Bars are 95 % intervals, {quantity.errors}.",
+                "Mean over samples of each joint. Bars are 95 % intervals,"
+                f" {quantity.errors(own)}.",
                 _STUDY,
                 (partial(study_figures.plot_along, cases=own, quantity=quantity),),
             )  # fmt: skip

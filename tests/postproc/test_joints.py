@@ -51,6 +51,14 @@ def test_every_quantity_has_a_table_with_its_unit_in_every_column(results):
         assert "variance 41.1 [" in found[name].header[2]
 
 
+def test_tables_say_what_their_errors_are_of(results, results_of_scene):
+    short = open_results(results_of_scene(RING.replace("n_steps = 3000", "n_steps = 600")))
+    for these, of_slip in ((results, "and time average together."), (short, "Monte Carlo alone, ")):
+        found = {table.name: table for table in tables.of_chain(these)}
+        assert of_slip in found["joints"].note
+        assert found["joints_power"].note.endswith(" Monte Carlo.")
+
+
 def test_many_cases_stand_below_one_another(results):
     """A sweep has more cases than the structure has joints: a row a case."""
     table = tables.table_joints([*results.cases] * 4, joints.QUANTITIES[0])
