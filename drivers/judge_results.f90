@@ -95,12 +95,13 @@ contains
       type(plan_type), intent(in) :: plan
       type(slip_error), intent(in) :: error
       character(:), allocatable :: text
+      real(wp), parameter :: rounding = 1.0e-9_wp   ! [points], of joints that always slip, at most
 
       text = ''
       if (.not. plan%output%slip) return
       if (statistical_error(error) >= huge(1.0_wp)) then
          text = 'mean time in slip: the march is too short to tell its standard error'
-      else if (statistical_error(error) > 0.0_wp) then
+      else if (statistical_error(error) > rounding) then
          text = 'mean time in slip: standard error at most '//brief(statistical_error(error))// &
                 ' points'
          if (is_of_record(error)) text = text//' (most of it time-average error: more steps '// &
