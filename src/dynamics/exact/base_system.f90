@@ -34,7 +34,7 @@ module dynamics_exact_base_system
       !> Fills the paths of all joints, their ends, and the ends of all else, under the forces in
       !> paths; lists the suspects (dynamics_exact_free_steps: finish_part).
       procedure(act), deferred :: run_part
-      procedure :: correct
+      procedure(correct), deferred :: correct
       procedure(redo), deferred :: redo
       !> Adds the works of the force and of the dampers over the part. Called before go_on where a
       !> ledger is kept.
@@ -56,6 +56,14 @@ module dynamics_exact_base_system
          type(block_state), intent(inout) :: state
       end subroutine exchange
 
+      !> Adds the effect of transition `entry` of the group to the ends of its sample.
+      subroutine correct(self, group, entry)
+         import :: base_system, transition_group
+         class(base_system), intent(inout) :: self
+         type(transition_group), intent(in) :: group
+         integer, intent(in) :: entry
+      end subroutine correct
+
       !> Marches the samples paths%is_involved through the part again, one transition after another,
       !> from the start and the regimes in paths. Enters all transitions into regimes and account.
       subroutine redo(self, begin, state, error)
@@ -76,17 +84,6 @@ module dynamics_exact_base_system
    end interface
 
 contains
-
-   !> Adds the effect of transition `entry` of the group to the ends of its sample; for forms that
-   !> answer joints locally.
-   subroutine correct(self, group, entry)
-      class(base_system), intent(inout) :: self
-      type(transition_group), intent(in) :: group
-      integer, intent(in) :: entry
-
-      if (self%paths%answers%is_local(group%joint(entry))) &
-         error stop 'dynamics_exact_base_system: correct'
-   end subroutine correct
 
    !> Switches a joint in the regimes of its lane and in the account of its sample.
    subroutine switch_joint(base, lane, joint, time, place, velocity, state)

@@ -148,6 +148,7 @@ contains
                       room%groups(g))
       end do
       if (.not. room%is_independent) call find_involved(base%paths, room%groups(:n_groups))
+      if (allocated(base%paths%coupling)) call find_shaken(base%paths, room%groups(:n_groups))
       do g = 1, n_groups
          call enter_group(base, room%groups(g), begin, state, room%one, error)
          if (allocated(error)) return
@@ -157,19 +158,26 @@ contains
    end subroutine make_transitions
 
    !> Marks the samples that must be marched again, for a joint that is not local, or that moves
-   !> another that switches later in the part too much (9). Notes how far clear joints are from a
-   !> transition.
+   !> another that switches later in the part too much (9); where joints are coupled, for a second
+   !> transition. Notes how far clear joints are from a transition.
    pure subroutine find_involved(paths, groups)
       type(joint_paths), intent(inout) :: paths
       type(transition_group), intent(in) :: groups(:)
+      logical :: is_seen(width)   ! that have a suspect which is not clear
       integer :: e, g, i, k
 
+      is_seen = .false.
       do g = 1, size(groups)
          associate (group => groups(g))
             do e = 1, group%n
                associate (l => group%lane(e), j => group%joint(e))
                   if (group%verdict(e) == clear) then
-                     if (paths%keeps_slack) paths%slack(l, j) = group%is_clear(e)
+                     paths%least(l) = min(paths%least(l), group%is_clear(e))
+                     cycle
+                  else if (allocated(paths%coupling)) then
+                     paths%is_involved(l) = paths%is_involved(l) .or. is_seen(l) .or. &
+                                            group%verdict(e) /= plain
+                     is_seen(l) = .true.
                      cycle
                   end if
                   if (.not. paths%answers%is_local(j)) paths%is_involved(l) = .true.
@@ -187,6 +195,28 @@ contains
          end associate
       end do
    end subroutine find_involved
+
+   !> Marks the samples in which a transition might change the regime of another joint (M10).
+   pure subroutine find_shaken(paths, groups)
+      type(joint_paths), intent(inout) :: paths
+      type(transition_group), intent(in) :: groups(:)
+      integer :: e, g, k
+      real(wp) :: speed
+
+      do g = 1, size(groups)
+         do e = 1, groups(g)%n
+            if (groups(g)%verdict(e) == clear) cycle
+            speed = 0.0_wp
+            do k = 1, paths%degree
+               speed = speed + k*abs(groups(g)%path(e, k))
+            end do
+            associate (l => groups(g)%lane(e))
+               paths%is_involved(l) = paths%is_involved(l) .or. paths%least(l) <= &
+                                      speed*paths%coupling(groups(g)%joint(e))
+            end associate
+         end do
+      end do
+   end subroutine find_shaken
 
    !> True if entry e of a group may move another, that switches later, too much (9). A joint that
    !> is followed may switch at any time.

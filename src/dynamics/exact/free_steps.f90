@@ -80,18 +80,20 @@ contains
    !> bits of one word.
    subroutine finish_part(paths)
       type(joint_paths), intent(inout) :: paths
+      real(wp) :: least(width)
       integer(long) :: pair, word
       integer :: at, e, n
 
       n = 0
+      least = huge(1.0_wp)
       associate (x => paths%x, start => paths%layer(0), finish => paths%finish(0), &
                  many => size(paths%joint))
          do e = 1, many, 2
             call finish_row(paths%degree, paths, e, x(1, 1, start), x(1, 1, 2), paths%regime, &
-                            paths%slack, x(1, 1, finish), pair)
+                            x(1, 1, finish), least, pair)
             if (e < many) then
                call finish_row(paths%degree, paths, e + 1, x(1, 1, start), x(1, 1, 2), &
-                               paths%regime, paths%slack, x(1, 1, finish), word)
+                               paths%regime, x(1, 1, finish), least, word)
                pair = ior(pair, shiftl(word, width))
             end if
             do while (pair /= 0_long)
@@ -103,12 +105,13 @@ contains
          end do
       end associate
       paths%n_suspects = n
+      paths%least = least
    end subroutine finish_part
 
    !> Finds the least values of a row's guards: a path leaves its chord by at most max |x''|/8 <=
    !> sum k (k - 1)/8 |x_k|, a velocity by sum k (k - 1)(k - 2)/8 |x_k| (3); the guards of the
    !> chords have their least values at its ends.
-   subroutine finish_row(degree, paths, entry, start, x, regime, slack, finish, word)
+   subroutine finish_row(degree, paths, entry, start, x, regime, finish, least, word)
       integer, intent(in) :: degree
       type(joint_paths), intent(in) :: paths
       integer, intent(in) :: entry
@@ -116,7 +119,7 @@ contains
       real(wp), intent(in) :: x(width, paths%top, 2:degree)
       real(wp), intent(in) :: regime(width, paths%n_joints + 1, 4)
       real(wp), intent(inout) :: finish(width, paths%top, 0:1)
-      real(wp), intent(inout) :: slack(width, paths%n_joints + 1)
+      real(wp), intent(inout) :: least(width)   !! see joint_paths
       integer(long), intent(out) :: word   !! a bit for every lane whose joint is suspect
       real(wp), dimension(width) :: guard, path, turn, velocity
       integer(long) :: hits(width)
@@ -150,7 +153,11 @@ contains
          guard(l) = merge(velocity(l), guard(l), abs(regime(l, j, layer_side)) > 0.0_wp) - turn(l)
          hits(l) = iand(bit(l), shifta(transfer(guard(l), 0_long), 63))   ! sign
       end do
-      if (paths%keeps_slack) slack(:, j) = guard
+      if (allocated(paths%coupling)) then
+         do l = 1, width
+            least(l) = min(least(l), merge(guard(l), huge(1.0_wp), guard(l) >= 0.0_wp))
+         end do
+      end if
       word = iany(hits)
    end subroutine finish_row
 

@@ -52,9 +52,11 @@ module dynamics_exact_joint_paths
       !> (lane, joint, layer): z, mu N/k [m]; direction of slip, 0 stuck; weight of the spring in
       !> its row's equation, 0 without friction. The last joint is none: it is never suspect
       real(wp), pointer, contiguous :: regime(:, :, :) => null()
-      logical :: keeps_slack = .false.
-      !> (lane, joint) where it is kept: lower bound of its guard in the part; suspects: negative
-      real(wp), pointer, contiguous :: slack(:, :) => null()
+      !> (joint) where joints are coupled: bound of what a transition changes in the guards of
+      !> others, over the speed of the joint. A transition is local where it is plain, the only one
+      !> of its sample in the part, and leaves those guards above zero; `least` bounds them (lane)
+      real(wp), allocatable :: coupling(:)
+      real(wp) :: least(width) = boundless
       real(wp), pointer, contiguous :: stiffness(:, :) => null()     !! (lane, row) of stuck joints
       real(wp), pointer, contiguous :: pull(:, :) => null()          !! (lane, row) force at x = 0
       real(wp), allocatable :: base(:)          !! (row) stiffness without joints
@@ -105,7 +107,7 @@ contains
       rows = padded_rows(self%n_rows)
       self%top = rows
       call self%memory%start(int(width, long)*(rows*(degree + 7) + 2*n_forces &
-                                               + 5*(self%n_joints + 1)))
+                                               + 4*(self%n_joints + 1)))
       call self%memory%take([width, rows*(degree + 5) + 2*n_forces, 1], planes)
       self%places => planes(:, :, 1)
       self%x(1:width, 1:rows, 0:degree + 4) => self%places(:, :rows*(degree + 5))
@@ -114,8 +116,6 @@ contains
       self%stiffness => planes(:, :, 1)
       self%pull => planes(:, :, 2)
       call self%memory%take([width, self%n_joints + 1, 4], self%regime)
-      call self%memory%take([width, self%n_joints + 1, 1], planes)
-      self%slack => planes(:, :, 1)
    end subroutine start
 
    !> Rows of a layer: odd, so that layers are not 4096 bytes apart.

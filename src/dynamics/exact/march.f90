@@ -7,8 +7,7 @@ module dynamics_exact_march
    use core_text, only: rounded_text, to_text
    use dynamics_exact_block_march, only: exact_march
    use dynamics_exact_modal_form, only: modal_form, new_modal_form
-   use dynamics_exact_modal_sliders, only: lanes
-   use dynamics_exact_modal_terms, only: longest_in_parts
+   use dynamics_exact_modal_terms, only: lanes, longest_in_parts
    use dynamics_exact_series, only: fastest_rate, longest_part
    use dynamics_exact_series_form, only: new_series_form, series_form
    use dynamics_response, only: march_work

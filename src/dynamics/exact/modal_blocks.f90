@@ -8,7 +8,8 @@
 module dynamics_exact_modal_blocks
    use core_error, only: error_type
    use core_kinds, only: wp
-   use numerics_lapack, only: find_eigenvectors, find_symmetric_eigenvectors, invert_matrix
+   use numerics_lapack, only: find_eigenvectors, find_symmetric_eigenvectors, invert_matrix, &
+                              unit_matrix
    use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
@@ -17,14 +18,13 @@ module dynamics_exact_modal_blocks
    real(wp), parameter :: negligible = 1.0e-10_wp   !! of sqrt(C_rr C_ss)
    real(wp), parameter :: rounding = 1.0e-14_wp     !! of the largest C_rr: couplings of zero modes
 
-   !> Blocks in the order of their rates.
+   !> Blocks in the order of their rates. Numbers of a block stand one after another; of one port,
+   !> the first is read and the second pushed.
    type :: modal_blocks
       integer :: ports = 1
-      !> (block) omega h, with two ports the largest |pole|; the same, at least C^_rr
-      real(wp), allocatable :: rate(:), fastest(:)
-      real(wp), allocatable :: block(:, :, :)   !! A (2, 2, block)
-      !> With two ports, V (q q', number) and V^-1: numbers of a block stand one after another
-      real(wp), allocatable :: state(:, :), inverse(:, :)
+      real(wp), allocatable :: rate(:)         !! (block) largest |pole|; of a mode omega h or C^_rr
+      real(wp), allocatable :: block(:, :, :)    !! A (2, 2, block)
+      real(wp), allocatable :: state(:, :), inverse(:, :)   !! V (q q', number) and V^-1
    contains
       procedure :: metric
       procedure :: reads
@@ -45,16 +45,6 @@ contains
       real(wp) :: condition
       integer :: r
 
-      if (all(is_alone(omega, damping))) then
-         blocks%rate = omega
-         blocks%fastest = [(max(omega(r), abs(damping(r, r))), r=1, size(omega))]
-         allocate (blocks%block(2, 2, size(omega)))
-         do r = 1, size(omega)
-            blocks%block(:, :, r) = block_of(omega(r), damping(r, r), 1.0_wp)
-         end do
-         return
-      end if
-      blocks%ports = 2
       call find_blocks(omega, damping, blocks, condition, error)
       if (allocated(error) .or. condition <= most_condition) return
       apart = damping
@@ -86,16 +76,8 @@ contains
       end do
    end function is_alone
 
-   !> Block of a mode by itself, its second number q'/scale.
-   pure function block_of(omega, damping, scale) result(block)
-      real(wp), intent(in) :: omega, damping, scale
-      real(wp) :: block(2, 2)
-
-      block = reshape([0.0_wp, -omega**2/scale, scale, -damping], [2, 2])
-   end function block_of
-
-   !> Finds V and the blocks of two ports. Modes that damping does not couple are blocks by
-   !> themselves: poles of those without stiffness may coincide.
+   !> Finds V and the blocks. Modes that damping does not couple are blocks by themselves: poles of
+   !> those without stiffness may coincide. If all are, blocks have one port.
    subroutine find_blocks(omega, damping, blocks, condition, error)
       real(wp), intent(in) :: omega(:), damping(:, :)
       type(modal_blocks), intent(inout) :: blocks
@@ -116,7 +98,7 @@ contains
       coupled = pack([(r, r=1, n)], couples)
       n_coupled = size(coupled)
       scale = 1.0_wp   ! of q', so that A is balanced
-      scale(n + 1:) = max(1.0_wp, omega)
+      scale(n + coupled) = max(1.0_wp, omega(coupled))
       allocate (a(2*n_coupled, 2*n_coupled), source=0.0_wp)
       associate (s => scale(n + coupled))
          do i = 1, n_coupled
@@ -140,28 +122,31 @@ contains
       do r = 1, n
          if (couples(r)) cycle
          rate(b) = max(omega(r), abs(turned(r, r)))
-         block(:, :, b) = block_of(omega(r), turned(r, r), scale(n + r))
+         block(:, :, b) = reshape([0.0_wp, -omega(r)**2, 1.0_wp, -turned(r, r)], [2, 2])
          state(r, 2*b - 1) = 1.0_wp
          state(n + r, 2*b) = 1.0_wp
          b = b + 1
       end do
       order = sort_order(rate)
+      blocks%ports = merge(2, 1, n_coupled > 0)
       blocks%rate = rate(order)
-      blocks%fastest = blocks%rate
       blocks%block = block(:, :, order)
       state = state(:, [(2*order(1 + (i - 1)/2) - modulo(i, 2), i=1, 2*n)])
-      call invert_matrix(state, blocks%inverse, error)
+      blocks%inverse = transpose(state)
+      if (n_coupled > 0) call invert_matrix(state, blocks%inverse, error)
       if (allocated(error)) return
       condition = sqrt(maxval(sum(blocks%inverse**2, 2)*sum(state**2, 1)))
       do i = 1, 2*n
          state(i, :) = state(i, :)*scale(i)
          blocks%inverse(:, i) = blocks%inverse(:, i)/scale(i)
       end do
-      blocks%state = state
       do i = 0, n, n
-         blocks%state(i + 1:i + n, :) = matmul(modes, state(i + 1:i + n, :))
-         blocks%inverse(:, i + 1:i + n) = matmul(blocks%inverse(:, i + 1:i + n), transpose(modes))
+         associate (zero => [(i + r, r=1, size(modes, 1))])
+            state(zero, :) = matmul(modes, state(zero, :))
+            blocks%inverse(:, zero) = matmul(blocks%inverse(:, zero), transpose(modes))
+         end associate
       end do
+      blocks%state = state
    end subroutine find_blocks
 
    !> Turns modes without stiffness such that damping does not couple them with each other: poles of
@@ -169,25 +154,20 @@ contains
    subroutine turn_zero_modes(omega, damping, turned, modes, error)
       real(wp), intent(in) :: omega(:), damping(:, :)
       real(wp), allocatable, intent(out) :: turned(:, :)   !! C^ of the turned modes
-      real(wp), allocatable, intent(out) :: modes(:, :)    !! q = modes x turned q
+      real(wp), allocatable, intent(out) :: modes(:, :)    !! q = modes x turned q, of these
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: decay(:), zero(:, :)
-      integer :: n_zero, r
+      real(wp) :: decay(count(.not. omega > 0.0_wp))
+      integer :: n
 
-      n_zero = count(.not. omega > 0.0_wp)
-      allocate (modes(size(omega), size(omega)), source=0.0_wp)
-      do r = 1, size(omega)
-         modes(r, r) = 1.0_wp
-      end do
+      n = size(decay)
       turned = damping
-      if (n_zero < 2) return
-      zero = damping(:n_zero, :n_zero)
-      allocate (decay(n_zero))
-      call find_symmetric_eigenvectors(zero, decay, error)
+      modes = unit_matrix(n)
+      if (n < 2) return
+      modes = damping(:n, :n)
+      call find_symmetric_eigenvectors(modes, decay, error)
       if (allocated(error)) return
-      modes(:n_zero, :n_zero) = zero
-      turned(:n_zero, :) = matmul(transpose(zero), turned(:n_zero, :))
-      turned(:, :n_zero) = matmul(turned(:, :n_zero), zero)
+      turned(:n, :) = matmul(transpose(modes), turned(:n, :))
+      turned(:, :n) = matmul(turned(:, :n), modes)
    end subroutine turn_zero_modes
 
    !> Puts pairs of poles first and real ones by their size, and scales their vectors: displacements
@@ -220,36 +200,26 @@ contains
       class(modal_blocks), intent(in) :: self
       real(wp), intent(in) :: damping(:, :)   !! C^ (mode, mode)
       real(wp) :: metric(2*size(damping, 1), 2*size(damping, 1))
-      integer :: n, r
 
-      n = size(damping, 1)
-      if (self%ports == 2) then
-         associate (q => self%state(:n, :), v => self%state(n + 1:, :))
-            metric = matmul(transpose(q), matmul(damping, q) + v) + matmul(transpose(v), q)
-         end associate
-         return
-      end if
-      metric = 0.0_wp
-      do r = 1, n
-         metric(2*r - 1:2*r, 2*r - 1:2*r) = reshape([damping(r, r), 1.0_wp, 1.0_wp, 0.0_wp], [2, 2])
-      end do
+      associate (q => self%state(:size(damping, 1), :), v => self%state(size(damping, 1) + 1:, :))
+         metric = matmul(transpose(q), matmul(damping, q) + v) + matmul(transpose(v), q)
+      end associate
    end function metric
 
-   !> Factors of the numbers of all ports in what is read from q, or from q'; with one port q' is a
-   !> number itself.
+   !> Factors of the numbers of all ports in what is read from q, or from q', of which one port has
+   !> the second numbers.
    pure function reads(self, gain, from_rate) result(factors)
       class(modal_blocks), intent(in) :: self
       real(wp), intent(in) :: gain(:, :)   !! (row, mode)
       logical, intent(in) :: from_rate
-      real(wp), allocatable :: factors(:, :)
-      integer :: first
+      real(wp) :: factors(size(gain, 1), self%ports*size(gain, 2))
+      integer :: first, n
 
-      if (self%ports == 1) then
-         allocate (factors, source=gain)   ! not by =, which would read bounds
-      else
-         first = merge(size(gain, 2), 0, from_rate)
-         factors = matmul(gain, self%state(first + 1:first + size(gain, 2), :))
-      end if
+      n = size(gain, 2)
+      first = merge(3 - self%ports, 1, from_rate)
+      associate (state => self%state(merge(n, 0, from_rate) + 1:, first::3 - self%ports))
+         factors = matmul(gain, state(:n, :))
+      end associate
    end function reads
 
    !> Pushes of the numbers of all ports where loads push q''.
@@ -258,24 +228,18 @@ contains
       real(wp), intent(in) :: load(:, :)   !! (mode, column)
       real(wp) :: factors(self%ports*size(load, 1), size(load, 2))
 
-      if (self%ports == 1) then
-         factors = load
-      else
-         factors = matmul(self%inverse(:, size(load, 1) + 1:), load)
-      end if
+      associate (first => 3 - self%ports)
+         factors = matmul(self%inverse(first::first, size(load, 1) + 1:), load)
+      end associate
    end function pushes
 
-   !> Numbers of all blocks, as the march keeps them: q and q', or p.
+   !> Numbers of all blocks, as the march keeps them: by ports, or first and second ones apart.
    pure function numbers(self, q, velocity) result(p)
       class(modal_blocks), intent(in) :: self
       real(wp), intent(in) :: q(:), velocity(:)   !! q' (mode)
       real(wp) :: p(self%ports*size(q), 3 - self%ports)
 
-      if (self%ports == 1) then
-         p = reshape([q, velocity], shape(p))
-      else
-         p(:, 1) = matmul(self%inverse, [q, velocity])
-      end if
+      p = transpose(reshape(matmul(self%inverse, [q, velocity]), [size(p, 2), size(p, 1)]))
    end function numbers
 
 end module dynamics_exact_modal_blocks

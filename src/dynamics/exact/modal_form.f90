@@ -11,15 +11,17 @@ module dynamics_exact_modal_form
    use dynamics_exact_base_system, only: base_system, raise_too_many, switch_joint
    use dynamics_exact_free_steps, only: finish_part
    use dynamics_exact_guard_zeros, only: no_crossing
-   use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, layer_spring, width
+   use dynamics_exact_joint_paths, only: layer_side, layer_spring, width
+   use dynamics_exact_modal_answers, only: find_answers, last_integral
    use dynamics_exact_modal_lane, only: lane_paths
-   use dynamics_exact_modal_operators, only: kernel_fit, modal_operators, new_modal_operators
-   use dynamics_exact_modal_sliders, only: groups, lanes, moving_sliders
-   use dynamics_exact_modal_steps, only: put_free_paths, rotate_modes, rotate_pairs, take_motion
-   use dynamics_exact_modal_terms, only: path_degree
+   use dynamics_exact_modal_operators, only: four, kernel_fit, modal_operators, new_modal_operators
+   use dynamics_exact_modal_sliders, only: moving_sliders
+   use dynamics_exact_modal_steps, only: multiply, push_motion, read_paths, rotate_modes, &
+                                         rotate_pairs
+   use dynamics_exact_modal_terms, only: groups, lanes, path_degree
+   use dynamics_exact_transitions, only: transition_group
    use dynamics_alignment, only: aligned_memory
    use dynamics_response, only: block_state
-   use numerics_dense_product, only: padded_rows
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -28,16 +30,13 @@ module dynamics_exact_modal_form
    !> Modes and joints of 32 samples, in groups of eight side by side.
    type, extends(base_system) :: modal_form
       type(modal_operators) :: operators
-      integer :: n_padded = 0, m_padded = 0
       integer :: n_groups = 0   !! that have samples
-      !> (lane, row, plane, group) numbers of blocks: q and q', or p; from run_part to go_on those
-      !> that the free motion has at the end
-      real(wp), pointer, contiguous :: now(:, :, :, :) => null()
+      !> (lane, row, plane, group) numbers of blocks, q and q' or p, then S z; from run_part to
+      !> go_on those that the free motion has at the end
+      real(wp), pointer, contiguous :: modes(:, :, :, :) => null()
       !> Room for the group under way: (lane, row, 1:2) p, p' at 1/2 less those of the cubic through
-      !> both ends; (lane, row, 0:moment) S I; (lane, joint, 1:4) u, u' at 1 and of the middle
-      real(wp), pointer, contiguous, dimension(:, :, :) :: middle => null(), taken => null(), &
-                                                           value => null()
-      real(wp), pointer, contiguous :: pushed(:, :, :) => null()     !! (lane, row, group) S z
+      !> both ends; (lane, row, 0:moment) S I
+      real(wp), pointer, contiguous, dimension(:, :, :) :: middle => null(), taken => null()
       type(moving_sliders) :: sliders
       !> With a ledger: (lane, number, block, group) p' at the start of the part
       real(wp), pointer, contiguous, private :: rates(:, :, :, :) => null()
@@ -48,6 +47,7 @@ module dynamics_exact_modal_form
       procedure :: take
       procedure :: give
       procedure :: run_part
+      procedure :: correct
       procedure :: redo
       procedure :: go_on
       procedure :: put_state
@@ -68,41 +68,31 @@ contains
       if (allocated(error)) return
       form%h = form%operators%h
       form%n_forces = structure%n_forces
-      form%n_padded = padded_rows(form%operators%n_rows)
-      form%m_padded = padded_rows(structure%n_joints)
       form%n_kept = (4 - form%operators%blocks%ports)*form%operators%n_rows + 2*structure%n_joints
    end subroutine new_modal_form
 
    !> See base_system.
    subroutine begin(self)
       class(modal_form), intent(inout) :: self
-      integer :: j, n, m, n_planes, planes
+      integer :: j, n, n_planes
 
-      n = self%n_padded
-      m = self%m_padded
-      call self%sliders%start(self%operators%n_joints, m, self%operators%n_moments)
-      call self%paths%start(path_degree, self%n_forces, [(0.0_wp, j=1, m)], &
-                            [(j, j=1, self%operators%n_joints)], &
-                            [(1.0_wp, j=1, self%operators%n_joints)])
-      self%paths%keeps_slack = .true.
-      planes = 3 - self%operators%blocks%ports
-      n_planes = (planes + 1)*groups + 3 + self%operators%n_moments
-      if (self%keeps_ledger) then
-         n_planes = n_planes + 2*groups
-         associate (for => self%operators)
-            if (.not. for%ledger%is_ready) &
-               call for%ledger%prepare(self%h, for%damping, for%modal_load, for%blocks, &
-                                       kernel_fit(for%n_moments))
-         end associate
-      end if
-      call self%memory%start(int(lanes, long)*(n_planes*n + 4*m))
-      call take_planes(n, planes, self%now)
-      call self%memory%take([lanes, n, groups], self%pushed)
-      call self%memory%take([lanes, n, 2], self%middle)
-      call self%memory%take([lanes, n, self%operators%n_moments + 1], self%taken)
-      self%taken(1:, 1:, 0:) => self%taken
-      call self%memory%take([lanes, m, 4], self%value)
-      if (self%keeps_ledger) call take_planes(2, self%operators%n_modes, self%rates)
+      associate (for => self%operators)
+         n = size(for%push, 1)
+         n_planes = 4 - for%blocks%ports
+         self%paths%coupling = for%coupling
+         call self%sliders%start(for%n_joints, for%n_moments)
+         call self%paths%start(path_degree, self%n_forces, &
+                               [(0.0_wp, j=1, four*size(for%reads, 3))], [(j, j=1, for%n_joints)], &
+                               [(for%markov(j, j, 0), j=1, for%n_joints)])
+         if (self%keeps_ledger .and. .not. for%ledger%is_ready) &
+            call for%ledger%prepare(self%h, for%damping, for%modal_load, for%blocks, &
+                                    kernel_fit(for%n_moments))
+         call self%memory%start(int(lanes, long)*n*((n_planes + 2)*groups + 3 + for%n_moments))
+         call take_planes(n, n_planes, self%modes)
+         call self%memory%take([lanes, n, 2], self%middle)
+         call self%memory%take([lanes, n, for%n_moments + 1], self%taken)
+         call take_planes(2, for%n_modes, self%rates)
+      end associate
 
    contains
 
@@ -124,12 +114,11 @@ contains
       type(block_state), intent(inout) :: state
       integer :: e, g, k, l, m, n, w
 
-      n = self%operators%n_rows
       m = self%operators%n_joints
-      k = n*size(self%now, 3)
+      n = self%operators%n_rows
+      k = self%n_kept - 2*m
       self%n_groups = group_of(self%paths%n_samples)
-      self%now = 0.0_wp
-      self%pushed = 0.0_wp
+      self%modes = 0.0_wp
       self%sliders%has_switched = .true.   ! regimes are given
       self%paths%x = 0.0_wp
       do l = 1, self%paths%n_samples
@@ -138,16 +127,16 @@ contains
          e = l - lanes*(g - 1)
          associate (place => state%displacement(:, w), speed => state%velocity(:, w), &
                     kept => state%kept(:, w), u => self%paths%x(l, :m, self%paths%layer(0)), &
-                    v => self%paths%x(l, :m, self%paths%layer(1)), for => self%operators)
+                    v => self%paths%x(l, :m, self%paths%layer(1)), for => self%operators, &
+                    modes => self%modes(e, :n, :, g))
             if (self%is_kept) then
-               self%now(e, :n, :, g) = reshape(kept(:k), [n, k/n])
-               self%pushed(e, :n, g) = kept(k + 1:k + n)
-               u = kept(k + n + 1:k + n + m)
-               v = kept(k + n + m + 1:)
+               modes = reshape(kept(:k), shape(modes))
+               u = kept(k + 1:k + m)
+               v = kept(k + m + 1:)
             else
-               self%now(e, :n, :, g) = for%blocks%numbers(matmul(place, for%momentum), &
-                                                          matmul(speed, for%momentum)*self%h)
-               self%pushed(e, :n, g) = matmul(for%slider_push, state%slider(:, w))
+               modes(:, :k/n - 1) = for%blocks%numbers(matmul(place, for%momentum), &
+                                                       matmul(speed, for%momentum)*self%h)
+               modes(:, k/n) = matmul(for%push(:n, :), state%slider(:, w))
                u = matmul(place, for%direction)
                v = matmul(speed, for%direction)*self%h
             end if
@@ -167,24 +156,21 @@ contains
       class(modal_form), intent(inout) :: self
       type(block_state), intent(inout) :: state
       real(wp), dimension(width, self%operators%n_modes) :: displacement, velocity
-      integer :: e, g, l, m, n, w
+      integer :: g, l, m, w
 
-      n = self%operators%n_rows
       m = self%operators%n_joints
       call self%put_state(displacement, velocity)
-      associate (x => self%paths%x, layer => self%paths%layer)
-         do l = 1, self%paths%n_samples
-            w = self%paths%first_sample + l - 1
-            g = group_of(l)
-            e = l - lanes*(g - 1)
-            if (self%keeps_ledger) state%work_viscous(w) = &
-               state%work_viscous(w) + (square(state%velocity(:, w)) - square(velocity(l, :)))
-            state%displacement(:, w) = displacement(l, :)
-            state%velocity(:, w) = velocity(l, :)
-            state%kept(:, w) = [self%now(e, :n, :, g), self%pushed(e, :n, g), &
-                                x(l, :m, layer(0)), x(l, :m, layer(1))]
-         end do
-      end associate
+      do l = 1, self%paths%n_samples
+         w = self%paths%first_sample + l - 1
+         g = group_of(l)
+         if (self%keeps_ledger) state%work_viscous(w) = &
+            state%work_viscous(w) + (square(state%velocity(:, w)) - square(velocity(l, :)))
+         state%displacement(:, w) = displacement(l, :)
+         state%velocity(:, w) = velocity(l, :)
+         state%kept(:, w) = [self%modes(l - lanes*(g - 1), :self%operators%n_rows, :, g), &
+                             self%paths%x(l, :m, self%paths%layer(0)), &
+                             self%paths%x(l, :m, self%paths%layer(1))]
+      end do
 
    contains
 
@@ -217,52 +203,67 @@ contains
       class(modal_form), intent(inout) :: self
       integer, intent(in) :: g, first   !! group; its first lane
       real(wp), intent(in) :: force(lanes, self%n_forces, 0:1)   !! value and rise [N]
-      integer :: i, k, n, rows
-      logical :: has_slope
+      integer :: joints, rows
 
-      n = self%n_padded
-      rows = size(self%paths%x, 2)
-      associate (now => self%now(:, :, :, g), pushed => self%pushed(:, :, g), &
-                 for => self%operators, sliders => self%sliders, x => self%paths%x, &
-                 u => self%paths%layer(0), v => self%paths%layer(1), &
-                 regime => self%paths%regime)
-         if (self%keeps_ledger) call for%ledger%start_part(g, n, force, now, pushed, &
+      rows = size(self%modes, 2)
+      joints = size(self%paths%x, 2)
+      associate (for => self%operators, modes => self%modes(:, :, :, g), x => self%paths%x, &
+                 u => self%paths%layer(0), v => self%paths%layer(1), regime => self%paths%regime)
+         if (self%keeps_ledger) call for%ledger%start_part(g, rows, force, modes, &
                                                            self%rates(:, :, :, g))
          if (for%blocks%ports == 1) then
-            call rotate_modes(n, for%first_read(4), for%rotation, for%load, force, pushed, now, &
+            call rotate_modes(rows, for%first_read, for%rotation, for%load, force, modes, &
                               self%middle)
          else
-            call rotate_pairs(n, for%first_read, for%rotation, for%load, force, pushed, now, &
+            call rotate_pairs(rows, for%first_read, for%rotation, for%load, force, modes, &
                               self%middle)
          end if
-         do i = 1, 4
-            associate (first => for%n_rows - size(for%reads(i)%value, 2) + 1)
-               if (first > for%n_rows) cycle
-               if (i <= 2) call for%reads(i)%multiply(now(:, :, min(i, size(now, 3))), &
-                                                      self%value(:, :, i))
-               if (i > 2) call for%reads(i)%multiply(self%middle(:, first:, i - 2), &
-                                                     self%value(:, :, i))
-            end associate
-         end do
-         has_slope = for%first_read(4) <= for%n_modes
-         call put_free_paths(self%m_padded, rows, has_slope, self%value, x(first, 1, u), &
-                             x(first, 1, v), x(first, 1, 2))
-         call sliders%follow(g, regime(first, 1, layer_side), regime(first, 1, layer_spring))
-         call sliders%mask(g, 1, x(first, 1, v))
-         call sliders%mask(g, 2, x(first, 1, 2))
-         do k = 3, path_degree
-            associate (least => for%first_power(k))
-               if (least <= k - 2) &
-                  call for%answer(k)%multiply_some( &
-                  sliders%moved(:sliders%n_moved(g), g), k - 1 - least, k < 5 .or. &
-                  (has_slope .and. k == 5), sliders%motion(:, :, least:, g), groups, &
-                  x(first, 1, k))
-            end associate
-            if (k <= 4) call sliders%mask(g, k, x(first, 1, k))
-         end do
-         call sliders%integrate_motion(g, rows, x(first, 1, v), x(first, 1, 2))
+         call read_paths(for, joints, rows, modes, self%middle, x(first, 1, u), x(first, 1, v), &
+                         x(first, 1, 2))
+         call self%sliders%follow(g, for, joints, regime(first, 1, layer_side), &
+                                  regime(first, 1, layer_spring), x(first, 1, v), x(first, 1, 2))
       end associate
    end subroutine run_group
+
+   !> See base_system.
+   subroutine correct(self, group, entry)
+      class(modal_form), intent(inout) :: self
+      type(transition_group), intent(in) :: group
+      integer, intent(in) :: entry
+      real(wp) :: ends(size(self%operators%markov, 1), 0:1)
+      real(wp) :: moments(0:last_integral, self%operators%n_joints)
+      integer :: e, g, i, joints(self%operators%n_joints), k, lane, n
+
+      lane = group%lane(entry)
+      g = group_of(lane)
+      e = lane - lanes*(g - 1)
+      n = 1
+      joints(1) = group%joint(entry)
+      do i = 1, self%sliders%n_moved(g)
+         associate (j => self%sliders%moved(i, g))
+            if (j == joints(1) .or. .not. self%sliders%moves(e, j, g) > 0.0_wp) cycle
+            n = n + 1
+            joints(n) = j
+         end associate
+      end do
+      call find_answers(self%operators%markov, joints(:n), group%path(entry, 1:path_degree), &
+                        .not. abs(group%side(entry)) > 0.0_wp, 1.0_wp - group%time(entry), &
+                        moments, ends)
+      call self%sliders%switch(g, joints(1))
+      associate (integrals => self%sliders%moments(e, :, :, g), &
+                 place => self%paths%x(lane, :, self%paths%finish(0)), &
+                 velocity => self%paths%x(lane, :, self%paths%finish(1)))
+         do i = 1, n
+            do k = 0, self%operators%n_moments
+               integrals(joints(i), k + 1) = integrals(joints(i), k + 1) + moments(k, i)
+            end do
+         end do
+         do i = 1, self%operators%n_joints
+            place(i) = place(i) + ends(i, 0)
+            velocity(i) = velocity(i) + ends(i, 1)
+         end do
+      end associate
+   end subroutine correct
 
    !> See base_system.
    subroutine redo(self, begin, state, error)
@@ -270,98 +271,43 @@ contains
       real(wp), intent(in) :: begin
       type(block_state), intent(inout) :: state
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: first
-      integer :: lane
+      real(wp), parameter :: same_instant = 1.0e-12_wp   ! rounding of sliders over velocity
+      integer :: e, g, i, j, lane, round
+      real(wp) :: span
 
-      if (.not. allocated(self%lane%slack)) call self%lane%start(self%operators%n_joints, &
-                                                                 self%operators%n_moments)
-      do lane = 1, width
-         if (.not. self%paths%is_involved(lane)) cycle
-         call march_again(self%lane)
-         if (allocated(error)) return
-      end do
-
-   contains
-
-      !> Marches one sample through the part.
-      subroutine march_again(paths)
-         type(lane_paths), intent(inout) :: paths
-         integer :: round
-
-         call paths%begin(self%paths%slack(lane, :self%operators%n_joints), &
-                          self%sliders%moves(lane - lanes*(group_of(lane) - 1), &
-                                             :self%operators%n_joints, group_of(lane)))
-         do round = 0, self%max_transitions
-            call adopt_suspects(paths)
-            call paths%find_crossings()
-            first = minval(paths%crossing(:paths%n_suspects))
-            if (.not. first < no_crossing) exit
-            call paths%move_on(first)
-            call switch_suspects(paths)
-         end do
-         if (round > self%max_transitions) then
-            call raise_too_many(self, paths%suspect(minloc(paths%crossing(:paths%n_suspects), 1)), &
-                                lane, begin, error)
-            return
-         end if
-         if (round > 0) call put_changes(paths)
-      end subroutine march_again
-
-      !> Adopts the joints whose guards may have a zero.
-      subroutine adopt_suspects(paths)
-         type(lane_paths), intent(inout) :: paths
-         integer :: j, k
-
-         if (minval(paths%slack) > 0.0_wp) return
-         do j = 1, self%operators%n_joints
-            if (paths%slack(j) > 0.0_wp) cycle
-            associate (regime => self%paths%regime(lane, j, :), layer => self%paths%layer, &
-                       x => self%paths%x(lane, j, :))
-               call paths%adopt(j, [(x(layer(k) + 1), k=0, path_degree)], regime(layer_side), &
-                                regime(layer_slider), regime(layer_reach))
-            end associate
-         end do
-      end subroutine adopt_suspects
-
-      !> Switches all suspects that cross now, in their order.
-      subroutine switch_suspects(paths)
-         type(lane_paths), intent(inout) :: paths
-         real(wp), parameter :: same_instant = 1.0e-12_wp   ! rounding of sliders over velocity
-         integer :: e, i
-
-         do e = 1, paths%n_suspects
-            if (paths%crossing(e) > first + same_instant) cycle
-            i = paths%suspect(e)
-            call switch_joint(self, lane, i, begin + 1.0_wp - paths%left, paths%path(0, e), &
-                              paths%path(1, e), state)
-            call self%sliders%switch(group_of(lane), i)
-            call paths%switch_slider(self%operators, e)
-         end do
-      end subroutine switch_suspects
-
-      !> Adds to the ends of paths and to the sliders' integrals.
-      subroutine put_changes(paths)
-         type(lane_paths), intent(inout) :: paths
-         integer :: e, g, i, j
-
-         call paths%end_changes()
-         associate (place => self%paths%x(lane, :, self%paths%finish(0)), &
-                    velocity => self%paths%x(lane, :, self%paths%finish(1)))
-            do j = 1, self%operators%n_joints
-               place(j) = place(j) + paths%place(j)
-               velocity(j) = velocity(j) + paths%velocity(j)
+      associate (m => self%operators%n_joints, one => self%lane)
+         do lane = 1, width
+            if (.not. self%paths%is_involved(lane)) cycle
+            g = group_of(lane)
+            e = lane - lanes*(g - 1)
+            call one%take(self%paths, lane, self%sliders%moves(e, :, g), self%operators%n_moments)
+            do round = 0, self%max_transitions
+               call one%find_next(span)
+               if (.not. span < no_crossing) exit
+               call one%move_on(span)
+               do j = 1, m
+                  if (one%crossing(j) > span + same_instant) cycle
+                  call switch_joint(self, lane, j, begin + 1.0_wp - one%left, one%path(j, 0), &
+                                    one%path(j, 1), state)
+                  call self%sliders%switch(g, j)
+                  call one%switch_slider(self%operators, j)
+               end do
             end do
-         end associate
-         g = group_of(lane)
-         e = lane - lanes*(g - 1)
-         do i = 1, self%sliders%n_moved(g)
-            j = self%sliders%moved(i, g)
-            associate (moments => self%sliders%moments(e, j, :, g))
-               moments = moments + paths%moments(j, :)
-            end associate
+            if (round > self%max_transitions) then
+               call raise_too_many(self, minloc(one%crossing, 1), lane, begin, error)
+               return
+            end if
+            if (round == 0) cycle
+            self%paths%x(lane, :m, self%paths%finish(0)) = one%ends(:m, 0)
+            self%paths%x(lane, :m, self%paths%finish(1)) = one%ends(:m, 1)
+            do i = 1, self%sliders%n_moved(g)
+               associate (joint => self%sliders%moved(i, g))
+                  self%sliders%moments(e, joint, :, g) = self%sliders%moments(e, joint, :, g) &
+                                                         + one%moments(joint, :)
+               end associate
+            end do
          end do
-      end subroutine put_changes
-
+      end associate
    end subroutine redo
 
    !> Makes the ends the starts.
@@ -381,16 +327,11 @@ contains
    subroutine take_sliders(self, g)
       class(modal_form), intent(inout) :: self
       integer, intent(in) :: g
-      integer :: k
 
-      associate (for => self%operators, moments => self%sliders%moments(:, :, :, g), &
-                 moved => self%sliders%moved(:self%sliders%n_moved(g), g))
-         do k = 0, for%n_moments
-            call for%push%multiply_some(moved, 1, .false., moments(:, :, k + 1), 1, &
-                                        self%taken(:, :, k))
-         end do
-         call take_motion(self%n_padded, for%n_modes, for%blocks%ports, for%n_moments, for%weight, &
-                          self%taken, self%now(:, :, :, g), self%pushed(:, :, g))
+      associate (sliders => self%sliders)
+         call push_motion(self%operators, sliders%moved(:sliders%n_moved(g), g), &
+                          sliders%moments(:, :, :, g), self%keeps_ledger, size(self%modes, 2), &
+                          self%taken, self%modes(:, :, :, g))
       end associate
    end subroutine take_sliders
 
@@ -399,18 +340,27 @@ contains
       class(modal_form), intent(in) :: self
       real(wp), intent(out) :: displacement(:, :)
       real(wp), intent(out) :: velocity(:, :)
-      real(wp) :: x(lanes, padded_rows(self%operators%n_modes))
-      integer :: g
+      real(wp) :: x(lanes, four*size(self%operators%shape, 3))
+      integer :: first, g
 
       do g = 1, self%n_groups
-         associate (first => lanes*(g - 1) + 1, n => self%operators%n_modes)
-            call self%operators%shape(1)%multiply(self%now(:, :, 1, g), x)
-            displacement(first:first + lanes - 1, :) = x(:, :n)
-            if (size(velocity) == 0) cycle
-            call self%operators%shape(2)%multiply(self%now(:, :, size(self%now, 3), g), x)
-            velocity(first:first + lanes - 1, :) = x(:, :n)/self%h
-         end associate
+         first = lanes*(g - 1) + 1
+         call read_shape(1, 1)
+         displacement(first:first + lanes - 1, :) = x(:, :self%operators%n_modes)
+         if (size(velocity) == 0) cycle
+         call read_shape(2, size(self%modes, 3) - 1)
+         velocity(first:first + lanes - 1, :) = x(:, :self%operators%n_modes)/self%h
       end do
+
+   contains
+
+      subroutine read_shape(which, plane)
+         integer, intent(in) :: which, plane
+
+         call multiply(size(x, 2)/four, self%operators%n_rows, &
+                       self%operators%shape(:, :, :, which), self%modes(:, :, plane, g), x)
+      end subroutine read_shape
+
    end subroutine put_state
 
    !> See base_system. The modes go on here.
@@ -419,17 +369,15 @@ contains
       real(wp) :: of_group(lanes, 2)
       integer :: g
 
-      associate (for => self%operators)
-         do g = 1, self%n_groups
-            call take_sliders(self, g)
-            of_group = 0.0_wp
-            call for%ledger%add_part(g, self%n_padded, self%now(:, :, :, g), self%taken, &
-                                     self%rates(:, :, :, g), of_group)
-            associate (works => self%works(lanes*(g - 1) + 1:lanes*g, :))
-               works = works + of_group
-            end associate
-         end do
-      end associate
+      do g = 1, self%n_groups
+         call take_sliders(self, g)
+         of_group = 0.0_wp
+         call self%operators%ledger%add_part(g, size(self%modes, 2), self%modes(:, :, :, g), &
+                                             self%taken, self%rates(:, :, :, g), of_group)
+         associate (works => self%works(lanes*(g - 1) + 1:lanes*g, :))
+            works = works + of_group
+         end associate
+      end do
    end subroutine add_works
 
 end module dynamics_exact_modal_form

@@ -6,7 +6,7 @@
 module dynamics_exact_modal_ledger
    use core_kinds, only: wp
    use dynamics_exact_modal_blocks, only: modal_blocks
-   use dynamics_exact_modal_sliders, only: groups, lanes
+   use dynamics_exact_modal_terms, only: groups, lanes
    use dynamics_exact_transitions, only: fall
    use numerics_lapack, only: unit_matrix
    implicit none(type, external)
@@ -66,8 +66,7 @@ contains
       allocate (self%place(lanes, size(load, 2), groups))
       allocate (self%force(lanes, size(load, 2), 0:1, groups))
       metric = blocks%metric(damping)
-      largest = 1.0_wp
-      if (blocks%ports == 2) largest = norm2(blocks%inverse, 2)
+      largest = norm2(blocks%inverse, 2)
       n = 2 + blocks%ports*size(fit, 1)
       allocate (self%pair(2, 0), self%form(n, n, 0), self%area(n, size(load, 2), n_modes))
       do b = 1, n_modes
@@ -154,44 +153,41 @@ contains
    end subroutine find_form
 
    !> Keeps the rates and the displacements at the start of a part.
-   pure subroutine start_part(self, g, rows, force, now, pushed, rates)
+   pure subroutine start_part(self, g, rows, force, modes, rates)
       class(modal_ledger), intent(inout) :: self
       integer, intent(in) :: g, rows                     !! group of lanes
       real(wp), intent(in) :: force(lanes, size(self%load, 2), 0:1)   !! value and rise [N]
-      real(wp), intent(in) :: now(lanes, rows, 3 - self%ports)   !! numbers
-      real(wp), intent(in) :: pushed(lanes, rows)        !! S z
+      real(wp), intent(in) :: modes(lanes, rows, *)      !! see modal_form
       real(wp), intent(inout) :: rates(lanes, 2, size(self%block, 3))
-      real(wp) :: push(lanes, 2)   ! of both numbers of a block: of one port the first has none
-      integer :: b, f, row
+      integer :: b, f, i, port, row
 
       self%force(:, :, :, g) = force
       do f = 1, size(self%load, 2)
-         call multiply(size(self%load, 1), self%reads(:, f), now, self%place(:, f, g))
+         call multiply(size(self%load, 1), self%reads(:, f), modes, self%place(:, f, g))
       end do
-      push = 0.0_wp
       do b = 1, size(self%block, 3)
-         do row = self%ports*(b - 1) + 1, self%ports*b
-            associate (push => push(:, 2 + row - self%ports*b))
-               push = pushed(:, row)
+         row = self%ports*(b - 1)
+         do i = 1, 2
+            rates(:, i, b) = self%block(i, 1, b)*modes(:, row + 1, 1) &
+                             + self%block(i, 2, b)*modes(:, row + self%ports, 3 - self%ports)
+         end do
+         do port = 1, self%ports
+            associate (rate => rates(:, 2 - self%ports + port, b))
+               rate = rate + modes(:, row + port, 4 - self%ports)
                do f = 1, size(self%load, 2)
-                  push = push + self%load(row, f)*force(:, f, 0)
+                  rate = rate + self%load(row + port, f)*force(:, f, 0)
                end do
             end associate
          end do
-         associate (a => self%block(:, :, b), first => now(:, self%ports*(b - 1) + 1, 1), &
-                    second => now(:, self%ports*b, 3 - self%ports))
-            rates(:, 1, b) = push(:, 1) + (a(1, 1)*first + a(1, 2)*second)
-            rates(:, 2, b) = push(:, 2) + (a(2, 1)*first + a(2, 2)*second)
-         end associate
       end do
    end subroutine start_part
 
    !> Adds the works of a group over the part, but for what v'v grows by (M9): input, of all forces,
    !> is by parts F(1) X(1) - F(0) X(0) - F' times the integral of X.
-   pure subroutine add_part(self, g, rows, now, taken, rates, work)
+   pure subroutine add_part(self, g, rows, modes, taken, rates, work)
       class(modal_ledger), intent(in) :: self
       integer, intent(in) :: g, rows
-      real(wp), intent(in) :: now(lanes, rows, 3 - self%ports)   !! numbers at the end
+      real(wp), intent(in) :: modes(lanes, rows, *)     !! at the end
       real(wp), intent(in) :: taken(lanes, rows, 0:*)   !! S I
       real(wp), intent(in) :: rates(lanes, 2, size(self%block, 3))            !! see start_part
       real(wp), intent(inout) :: work(lanes, 2)      !! input, viscous
@@ -219,7 +215,7 @@ contains
       end do
       work(:, 2) = work(:, 2) + self%scale*lost
       do f = 1, size(self%load, 2)
-         call multiply(size(self%load, 1), self%reads(:, f), now, place)
+         call multiply(size(self%load, 1), self%reads(:, f), modes, place)
          associate (before => self%force(:, f, 0, g), rise => self%force(:, f, 1, g))
             work(:, 1) = work(:, 1) + self%scale*((before + rise)*place &
                                                   - before*self%place(:, f, g) - rise*area(:, f))

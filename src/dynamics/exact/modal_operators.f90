@@ -12,38 +12,41 @@ module dynamics_exact_modal_operators
    use dynamics_alignment, only: whole_registers
    use dynamics_exact_modal_blocks, only: modal_blocks, new_modal_blocks
    use dynamics_exact_modal_ledger, only: modal_ledger
-   use dynamics_exact_modal_terms, only: choose_terms, count_parts, feel_joints, joint_feel, &
-                                         modal_terms, n_markov, path_degree
-   use numerics_dense_product, only: pack_matrix, packed_matrix, padded_rows
+   use dynamics_exact_modal_terms, only: choose_terms, count_parts, factorial, feel_joints, &
+                                         joint_feel, modal_terms, n_markov, path_degree
    use numerics_exponential, only: exponential_type, find_exponential
+   use numerics_lapack, only: unit_matrix
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: kernel_fit, modal_operators, new_modal_operators
+   public :: four, kernel_fit, modal_operators, new_modal_operators
 
-   !> Operators of one part of a step. A row of ports is a number of a block that loads push and
-   !> joints read: a mode where C^ is diagonal.
+   integer, parameter :: four = 4   !! rows whose sums stay in registers
+
+   !> Operators of one part of a step. A row is a port of a block, a number that loads push and
+   !> joints read: a mode where C^ is diagonal. Rows are padded to whole fours.
    type, extends(modal_terms) :: modal_operators
-      integer :: n_modes = 0, n_joints = 0
+      integer :: n_modes = 0, n_joints = 0, n_forces = 0
       integer :: n_rows = 0                     !! of ports
       type(modal_blocks) :: blocks
       real(wp), allocatable :: momentum(:, :)   !! M Phi (dof, mode): q = (M Phi)' x
-      real(wp), allocatable :: slider_push(:, :)   !! S (row, joint)
-      real(wp), allocatable :: load(:, :)       !! h^2 Phi' b (row, force)
       real(wp), allocatable :: direction(:, :)  !! W (dof, joint)
-      !> (entry, end, block) from both numbers, the pushes and their rises to both numbers at 1, and
-      !> to p of the ports, then p', at 1/2 less those of the cubic through both ends (M3), (M4)
+      real(wp), allocatable :: push(:, :)       !! S (row, joint)
+      real(wp), allocatable :: load(:, :)       !! h^2 Phi' b (row, force)
+      !> G of displacements and, of blocks of two ports, of velocities (.., port), Phi of both (..,
+      !> 1:2), by fours of joints and dofs, see by_fours
+      real(wp), allocatable :: reads(:, :, :, :), shape(:, :, :, :)
+      !> (entry, end, block) from both numbers, then push and its rise by ports; to both numbers at
+      !> 1, and by ports to p, then p', at 1/2 less those of the cubic through both ends (M3), (M4)
       real(wp), allocatable :: rotation(:, :, :)
-      real(wp), allocatable :: weight(:, :, :, :)   !! (0:moment, port, number, block) (M6)
-      !> G of displacements, velocities, and both at half the part, of the blocks that are read; S;
-      !> Phi of displacements and velocities
-      type(packed_matrix) :: reads(4), push, shape(2)
-      type(packed_matrix) :: answer(3:path_degree)   !! power k of a path from the sliders' (M5)
+      real(wp), allocatable :: weight(:, :, :)  !! (0:moment, number, row) (M6)
+      !> Y_0, Y_1, Y_2 (joint, joint of the slider, 0:2), joints padded to whole registers (M5)
+      real(wp), allocatable :: markov(:, :, :)
+      !> (joint of the slider) bound of the answers to a slider that moves at rate 1 (M10)
+      real(wp), allocatable :: coupling(:)
       real(wp), allocatable :: rate(:), damping(:, :)   !! Omega (mode), C^ (mode, mode)
       real(wp), allocatable :: modal_load(:, :)         !! h^2 Phi' b (mode, force)
       type(modal_ledger) :: ledger
-      !> Y_0, Y_1, Y_2 (joint, joint of the slider), joints padded to whole registers (M5)
-      real(wp), allocatable :: markov(:, :)
    contains
       procedure :: work
    end type modal_operators
@@ -55,16 +58,33 @@ contains
       class(modal_operators), intent(in) :: self
       integer :: k
 
-      work = 80.0_wp*self%n_joints   ! polynomials, integrals, guards
+      work = 80.0_wp*self%n_joints + size(self%rotation) + size(self%weight)   ! 80: guards
+      work = work + (self%n_moments + 1.0_wp)*size(self%push)
+      work = work + padded(self%n_joints)*self%blocks%ports &
+             *sum(self%n_modes + 1.0_wp - self%first_read)
       do k = 3, path_degree
-         work = work + size(self%answer(k)%value)
+         work = work + padded(self%n_joints)*self%n_joints*max(0, k - 1 - self%first_power(k))
       end do
-      do k = 1, 4
-         work = work + size(self%reads(k)%value)
-      end do
-      work = work + size(self%rotation) + size(self%weight) &
-             + (self%n_moments + 1.0_wp)*size(self%push%value)
    end function work
+
+   !> n, rounded up to whole fours.
+   pure integer function padded(n)
+      integer, intent(in) :: n
+
+      padded = four*((n + four - 1)/four)
+   end function padded
+
+   !> A matrix by fours of rows, padded with zeros: (row of the four, column, four).
+   pure function by_fours(matrix) result(fours)
+      real(wp), intent(in) :: matrix(:, :)
+      real(wp) :: fours(four, size(matrix, 2), padded(size(matrix, 1))/four)
+      integer :: i
+
+      fours = 0.0_wp
+      do i = 1, size(matrix, 1)
+         fours(1 + modulo(i - 1, four), :, 1 + (i - 1)/four) = matrix(i, :)
+      end do
+   end function by_fours
 
    !> Prepares the form for as many parts a step as the tolerance needs, relative to the rms.
    subroutine new_modal_operators(structure, dt, tolerance, operators, error)
@@ -74,11 +94,11 @@ contains
       type(modal_operators), intent(out) :: operators
       type(error_type), allocatable, intent(out) :: error
       type(joint_feel) :: joints
-      real(wp), allocatable :: gain(:, :), moved(:, :, :)
-      integer :: i, r
+      integer :: i, m, r
 
       operators%n_modes = structure%n_dof
       operators%n_joints = structure%n_joints
+      operators%n_forces = structure%n_forces
       call feel_joints(structure, joints)
       operators%n_parts = count_parts(structure, joints, dt, tolerance)
       operators%h = dt/operators%n_parts
@@ -102,101 +122,96 @@ contains
       operators%modal_load = operators%h**2*matmul(transpose(structure%modes_stuck), &
                                                    structure%load)
       operators%load = operators%blocks%pushes(operators%modal_load)
-      operators%slider_push = operators%blocks%pushes( &
-                              operators%h**2*transpose(spread(structure%joint_stiffness, 2, &
-                                                              structure%n_dof)*joints%gain))
-      operators%n_rows = size(operators%slider_push, 1)
       call choose_terms(structure%joint_stiffness, joints, operators%rate, operators%damping, &
                         operators%blocks, tolerance, operators)
-      do i = 4, 1, -1
-         gain = operators%blocks%reads(joints%gain, i == 2)
-         associate (first => operators%blocks%ports*(operators%first_read(i) - 1) + 1)
-            call pack_matrix(gain(:, first:), operators%reads(i))
-         end associate
-      end do
-      do i = 1, 2
-         call pack_matrix(operators%blocks%reads(structure%modes_stuck, i == 2), &
-                          operators%shape(i))
-      end do
-      call pack_matrix(operators%slider_push, operators%push)
-      call put_rotations(operators, moved)
-      call put_answers(gain, moved, operators)
+      m = structure%n_joints
+      associate (n => structure%n_dof, rows => operators%n_rows, ports => operators%blocks%ports)
+         rows = ports*n
+         allocate (operators%push(padded(rows), m), &
+                   operators%reads(four, rows, padded(m)/four, ports), &
+                   operators%shape(four, rows, padded(n)/four, 2), &
+                   operators%weight(0:operators%n_moments, 2, padded(rows)), &
+                   operators%rotation(2 + 2*ports, 2 + 2*ports, n), &
+                   operators%markov(whole_registers(m), m, 0:n_markov - 1), source=0.0_wp)
+         do i = 1, m
+            operators%push(:rows, i:i) = operators%blocks%pushes( &
+                                         reshape(operators%h**2*structure%joint_stiffness(i) &
+                                                 *joints%gain(i, :), [n, 1]))
+         end do
+         do i = 1, 2
+            operators%shape(:, :, :, i) = by_fours(operators%blocks%reads(structure%modes_stuck, &
+                                                                          i == 2))
+            if (i <= ports) operators%reads(:, :, :, i) = &
+               by_fours(operators%blocks%reads(joints%gain, i == 2))
+         end do
+      end associate
+      call put_blocks(operators%blocks%reads(joints%gain, .false.), operators)
+      operators%coupling = [(maxval(sum(abs(operators%markov(:, i, :)), 2)), i=1, m)]
    end subroutine new_modal_operators
 
-   !> Takes each block by itself: a 2 x 2 exponential and its moments (M3), (M6).
-   pure subroutine put_rotations(operators, moved)
+   !> Takes each block by itself: the exponential of its numbers, pushes and rises over the part
+   !> (M3), the moments of its kernel (M6), and its answer to sliders (M5): the integral of H(t - s)
+   !> zeta(s), H(s) = G E(s) S, E the displacement after a unit impulse. H is taken as Y_0 s + Y_1
+   !> s^2/2 + Y_2 s^3/6, its least-squares fit on [0, 1] from its moments.
+   pure subroutine put_blocks(gain, operators)
+      real(wp), intent(in) :: gain(:, :)   !! G (joint, row)
       type(modal_operators), intent(inout) :: operators
-      real(wp), allocatable, intent(out) :: moved(:, :, :)   !! see put_answers
+      !> of the normal equations 1/(i + j + 1)
+      real(wp), parameter :: inverse(3, 3) = reshape([300.0_wp, -900.0_wp, 630.0_wp, -900.0_wp, &
+                                                      2880.0_wp, -2100.0_wp, 630.0_wp, -2100.0_wp, &
+                                                      1575.0_wp], [3, 3])
       type(exponential_type) :: half, full
-      real(wp) :: a(2, 2), b(2, operators%blocks%ports), scale
+      real(wp), dimension(size(operators%rotation, 1), size(operators%rotation, 1)) :: a, ends, &
+                                                                                      middle, slope
       real(wp) :: fit(0:operators%n_moments, 0:operators%n_moments + 1)
-      real(wp), dimension(2, 2 + 2*operators%blocks%ports) :: at_0, at_half, at_1, middle, slope
-      integer :: i, k, last, n, ports, r
+      real(wp) :: kernel(operators%blocks%ports, operators%blocks%ports)
+      real(wp) :: scale   ! of the second number, so that A is balanced
+      integer :: b, d, i, k, last, m, n, ports
 
+      m = operators%n_joints
       last = operators%n_moments
       fit = kernel_fit(last)
       ports = operators%blocks%ports
       n = 2 + 2*ports
-      allocate (operators%rotation(n, n, operators%n_modes), &
-                operators%weight(0:last, ports, 2, operators%n_modes), &
-                moved(operators%n_rows, operators%n_joints, n_markov))
-      do r = 1, operators%n_modes
-         scale = 1.0_wp   ! of the second number, so that the matrix is balanced
-         if (ports == 1) scale = max(1.0_wp, operators%rate(r))
-         a = operators%blocks%block(:, :, r)
-         a(1, 2) = a(1, 2)*scale
-         a(2, 1) = a(2, 1)/scale
-         b(:, ports) = [0.0_wp, 1.0_wp/scale]
-         if (ports == 2) b(:, 1) = [1.0_wp, 0.0_wp]
-         call find_exponential(a, b, max(n_markov, last + 1), half, full)
-         at_0 = 0.0_wp
-         at_0(1, 1) = 1.0_wp
-         at_0(2, 2) = 1.0_wp/scale
-         at_half = numbers_at(0.5_wp, half)
-         at_1 = numbers_at(1.0_wp, full)
-         middle = at_half - 0.5_wp*(at_0 + at_1) &
-                  - 0.125_wp*(rates_at(0.0_wp, at_0) - rates_at(1.0_wp, at_1))
-         slope = rates_at(0.5_wp, at_half) - 1.5_wp*(at_1 - at_0) &
-                 + 0.25_wp*(rates_at(0.0_wp, at_0) + rates_at(1.0_wp, at_1))
-         at_1(2, :) = at_1(2, :)*scale
-         operators%rotation(:, :, r) = reshape([transpose(at_1), transpose(middle(:ports, :)), &
-                                                transpose(slope(:ports, :))], [n, n])
-         do i = 1, 2
-            operators%weight(:, :, i, r) = matmul(fit, transpose(full%moment(i, :, 0:last + 1))) &
-                                           *merge(scale, 1.0_wp, i == 2)
+      do b = 1, operators%n_modes
+         a = 0.0_wp
+         a(:2, :2) = operators%blocks%block(:, :, b)
+         scale = 1.0_wp
+         if (abs(a(1, 2)) > 0.0_wp) scale = max(1.0_wp, sqrt(abs(a(2, 1)/a(1, 2))))
+         do i = 1, ports
+            a(2 - ports + i, 2 + i) = 1.0_wp
+            a(2 + i, 2 + ports + i) = 1.0_wp
          end do
-         associate (push => operators%slider_push(ports*(r - 1) + 1:ports*r, :))
-            do k = 1, n_markov
-               moved(ports*(r - 1) + 1:ports*r, :, k) = matmul(full%moment(:ports, :, k), push)
+         a(:, 2) = a(:, 2)*scale
+         a(2, :) = a(2, :)/scale
+         call find_exponential(a, a(:, 3:2 + ports), max(n_markov, last + 1), half, full)
+         ends = unit_matrix(n) + full%value
+         slope = a + matmul(a, full%value)
+         middle = half%value - 0.5_wp*ends - 0.125_wp*(2.0_wp*a - slope)
+         slope = matmul(a, half%value) - 1.5_wp*(full%value - unit_matrix(n)) + 0.25_wp*slope
+         ends(:2, :) = full%value(:2, :)
+         ends(3:2 + ports, :) = middle(:ports, :)
+         ends(3 + ports:, :) = slope(:ports, :)
+         ends(2:4*ports - 2:2, :) = ends(2:4*ports - 2:2, :)*scale
+         ends(:, 2) = ends(:, 2)/scale
+         operators%rotation(:, :, b) = transpose(ends)
+         associate (rows => [(ports*(b - 1) + i, i=1, ports)])
+            full%moment(2, :, :) = full%moment(2, :, :)*scale
+            do i = 1, 2
+               operators%weight(:, i, rows) = matmul(fit, transpose(full%moment(i, :, 0:last + 1)))
+            end do
+            do d = 0, n_markov - 1
+               kernel = 0.0_wp
+               do k = 1, n_markov
+                  kernel = kernel + factorial(d + 1)*inverse(d + 1, k)*full%moment(:ports, :, k)
+               end do
+               operators%markov(:m, :, d) = operators%markov(:m, :, d) + matmul( &
+                                            gain(:, rows), &
+                                            matmul(kernel, operators%push(rows, :)))
             end do
          end associate
       end do
-
-   contains
-
-      !> Factors of both numbers, the pushes and their rises in both numbers after a time.
-      pure function numbers_at(time, of) result(factors)
-         real(wp), intent(in) :: time
-         type(exponential_type), intent(in) :: of
-         real(wp) :: factors(2, n)
-
-         factors(:, 1) = of%value(:, 1)
-         factors(:, 2) = of%value(:, 2)/scale
-         factors(:, 3:2 + ports) = of%moment(:, :, 0)
-         factors(:, 3 + ports:) = time*of%moment(:, :, 0) - of%moment(:, :, 1)
-      end function numbers_at
-
-      !> The same of their rates.
-      pure function rates_at(time, numbers) result(factors)
-         real(wp), intent(in) :: time, numbers(2, n)
-         real(wp) :: factors(2, n)
-
-         factors = matmul(a, numbers)
-         factors(:, 3:2 + ports) = factors(:, 3:2 + ports) + b
-         factors(:, 3 + ports:) = factors(:, 3 + ports:) + time*b
-      end function rates_at
-
-   end subroutine put_rotations
+   end subroutine put_blocks
 
    !> Weights of I_0 .. I_n of a slider's motion zeta from the moments of a kernel, integral of
    !> kernel(s) s^p: those with which the integral of kernel(1 - s) zeta(s) is exact where zeta is t
@@ -233,45 +248,5 @@ contains
          fit(0, :) = fit(0, :) - fit(k, :)/factorial(k + 1)
       end do
    end function kernel_fit
-
-   !> Adds the answers of the joints to a slider: the integral of H(t - s) zeta(s), H(s) = G E(s) S,
-   !> E the displacement after a unit impulse. H is taken as Y_0 s + Y_1 s^2/2 + Y_2 s^3/6, its
-   !> least-squares fit on [0, 1] from its moments, so power e of a slider adds Y_d e!/k! to power k
-   !> = e + d + 2 of a path (M5).
-   pure subroutine put_answers(gain, moved, operators)
-      real(wp), intent(in) :: gain(:, :)      !! G (joint, row)
-      real(wp), intent(in) :: moved(:, :, :)  !! integrals of E(s) s^p S (row, joint, p), p = 1 ..
-      type(modal_operators), intent(inout) :: operators
-      !> of the normal equations 1/(i + j + 1)
-      real(wp), parameter :: inverse(3, 3) = reshape([300.0_wp, -900.0_wp, 630.0_wp, -900.0_wp, &
-                                                      2880.0_wp, -2100.0_wp, 630.0_wp, -2100.0_wp, &
-                                                      1575.0_wp], [3, 3])
-      real(wp) :: answer(size(gain, 1), padded_rows(size(gain, 1))*n_markov)
-      integer :: d, e, k, m, mp
-
-      m = size(gain, 1)
-      mp = padded_rows(m)
-      allocate (operators%markov(whole_registers(m), m*n_markov), source=0.0_wp)
-      do d = 0, n_markov - 1
-         associate (markov => operators%markov(:m, d*m + 1:(d + 1)*m))
-            do k = 1, n_markov
-               markov = markov + inverse(d + 1, k)*gamma(real(d + 2, wp)) &
-                        *matmul(gain, moved(:, :, k))
-            end do
-         end associate
-      end do
-      do k = 3, path_degree
-         associate (first => operators%first_power(k))
-            answer = 0.0_wp
-            do e = first, k - 2
-               d = k - 2 - e
-               answer(:, (e - first)*mp + 1:(e - first)*mp + m) = &
-                  operators%markov(:m, d*m + 1:(d + 1)*m) &
-                  *(gamma(real(e + 1, wp))/gamma(real(k + 1, wp)))
-            end do
-            call pack_matrix(answer(:, :(k - 1 - first)*mp), operators%answer(k))
-         end associate
-      end do
-   end subroutine put_answers
 
 end module dynamics_exact_modal_operators

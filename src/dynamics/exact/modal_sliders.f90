@@ -1,24 +1,24 @@
-!> Motion of the sliders of 32 samples over one part of a step, in the modal form: its powers and
-!> its integrals, in groups of eight samples. Products leave out the sliders that stand in all eight
-!> samples: those add nothing, so no bit depends on it.
+!> Motion of the sliders of 32 samples over one part of a step, in the modal form, in groups of
+!> eight samples: which sliders move, what that adds to the paths of joints, and its integrals.
+!> Products leave out the sliders that stand in all eight samples: those add nothing, so no bit
+!> depends on it.
 module dynamics_exact_modal_sliders
    use core_kinds, only: long, wp
    use dynamics_alignment, only: aligned_memory
-   use dynamics_exact_joint_paths, only: width
    use dynamics_exact_transitions, only: fall
-   use numerics_dense_product, only: lanes => product_width
+   use dynamics_exact_modal_operators, only: four, modal_operators
+   use dynamics_exact_modal_terms, only: factorial, groups, lanes, path_degree
    implicit none(type, external)
    private
-   public :: moving_sliders, groups, lanes
+   public :: moving_sliders
 
-   integer, parameter :: groups = width/lanes
    integer, parameter :: most_power = 4   !! of the motion that others answer to
 
    !> Sliders of one part.
    type :: moving_sliders
       real(wp), pointer, contiguous :: moves(:, :, :) => null()       !! (lane, joint, group) 1 or 0
-      real(wp), pointer, contiguous :: motion(:, :, :, :) => null()   !! (.., 1:4, group) by powers
-      real(wp), pointer, contiguous :: moments(:, :, :, :) => null()  !! (.., 0:moment, group)
+      real(wp), pointer, contiguous :: motion(:, :, :) => null()   !! e! x_e (lane, entry, e)
+      real(wp), pointer, contiguous :: moments(:, :, :, :) => null()  !! (lane, joint, 0:, group) I
       !> moved(:n_moved(group), group): joints, ascending, whose sliders move in some lane
       integer, allocatable :: n_moved(:), moved(:, :)
       logical, allocatable :: has_switched(:)   !! (group) some joint has since `follow`
@@ -27,62 +27,25 @@ module dynamics_exact_modal_sliders
       procedure :: start
       procedure :: follow
       procedure :: switch
-      procedure :: mask
-      procedure :: integrate_motion
    end type moving_sliders
 
 contains
 
    !> Gets memory, of zeros.
-   subroutine start(self, n_joints, n_padded, n_moments)
+   subroutine start(self, n_joints, n_moments)
       class(moving_sliders), intent(inout) :: self
-      integer, intent(in) :: n_joints, n_padded, n_moments
+      integer, intent(in) :: n_joints, n_moments
       real(wp), pointer, contiguous :: planes(:, :, :)
 
-      call self%memory%start(int(width, long)*n_padded*(2 + most_power + n_moments))
-      call self%memory%take([lanes, n_padded, groups], self%moves)
-      call self%memory%take([lanes, n_padded, most_power*groups], planes)
-      self%motion(1:lanes, 1:n_padded, 1:most_power, 1:groups) => planes
-      call self%memory%take([lanes, n_padded, (n_moments + 1)*groups], planes)
-      self%moments(1:lanes, 1:n_padded, 0:n_moments, 1:groups) => planes
+      call self%memory%start(int(lanes, long)*n_joints*(groups*(2 + n_moments) + most_power))
+      call self%memory%take([lanes, n_joints, groups], self%moves)
+      call self%memory%take([lanes, n_joints, most_power], self%motion)
+      call self%memory%take([lanes, n_joints, (n_moments + 1)*groups], planes)
+      self%moments(1:lanes, 1:n_joints, 0:n_moments, 1:groups) => planes
       if (allocated(self%moved)) deallocate (self%n_moved, self%moved, self%has_switched)
       allocate (self%n_moved(groups), self%moved(n_joints + 1, groups), source=0)
       allocate (self%has_switched(groups), source=.true.)
    end subroutine start
-
-   !> Finds which sliders move with their joints from the start of the part: those of slipping
-   !> joints, and of joints without friction, which have no spring and slip for ever.
-   pure subroutine follow(self, g, side, spring)
-      class(moving_sliders), intent(inout) :: self
-      integer, intent(in) :: g   !! group, whose lanes come first in:
-      real(wp), intent(in), dimension(lanes, groups, *) :: side, spring
-      integer :: is_any, j
-
-      if (.not. self%has_switched(g)) return
-      self%has_switched(g) = .false.
-      self%n_moved(g) = 0
-      do j = 1, size(self%moved, 1) - 1
-         call find_moving(side(:, 1, j), spring(:, 1, j), self%moves(:, j, g), is_any)
-         self%moved(self%n_moved(g) + 1, g) = j
-         self%n_moved(g) = self%n_moved(g) + is_any
-      end do
-   end subroutine follow
-
-   pure subroutine find_moving(side, spring, moves, is_any)
-      real(wp), intent(in), dimension(lanes) :: side, spring
-      real(wp), intent(inout) :: moves(lanes)
-      integer, intent(out) :: is_any   !! 1 if some slider moves, or 0
-      real(wp) :: most
-      integer :: l
-
-      most = 0.0_wp
-      !$omp simd reduction(max:most)
-      do l = 1, lanes
-         moves(l) = merge(1.0_wp, 0.0_wp, abs(side(l)) + (1.0_wp - spring(l)) > 0.0_wp)
-         most = max(most, moves(l))
-      end do
-      is_any = nint(most)
-   end subroutine find_moving
 
    !> Lists a joint that switches within the part.
    pure subroutine switch(self, g, joint)
@@ -103,59 +66,124 @@ contains
       self%moments(:, joint, :, g) = 0.0_wp
    end subroutine switch
 
-   !> Finds one power of the motion, from that power of the paths.
-   pure subroutine mask(self, g, power, x)
+   !> Follows the sliders of a group through a part, whose joints' free paths are given, and adds
+   !> what they do to the paths (M5).
+   pure subroutine follow(self, g, operators, rows, side, spring, x1, x)
       class(moving_sliders), intent(inout) :: self
-      integer, intent(in) :: g, power
-      real(wp), intent(in) :: x(lanes, groups, *)   !! (.., joint), the group's lanes first
-      integer :: i
+      integer, intent(in) :: g, rows   !! group, whose lanes come first below
+      type(modal_operators), intent(in) :: operators
+      real(wp), intent(in), dimension(lanes, groups, *) :: side, spring
+      real(wp), intent(in) :: x1(lanes, groups, rows)
+      real(wp), intent(inout) :: x(lanes, groups, rows, 2:path_degree)   !! (.., joint, power)
+      integer :: k, n
 
-      do i = 1, self%n_moved(g)
-         associate (j => self%moved(i, g))
-            call multiply(self%moves(:, j, g), x(1, 1, j), self%motion(:, j, power, g))
-         end associate
+      if (self%has_switched(g)) then
+         self%has_switched(g) = .false.
+         call find_moving(operators%n_joints, side, spring, self%moves(:, :, g), self%n_moved(g), &
+                          self%moved(:, g))
+      end if
+      n = self%n_moved(g)
+      associate (moved => self%moved(:n, g), moves => self%moves(:, :, g), motion => self%motion)
+         call mask(n, moved, moves, x1, 1.0_wp, motion(:, :, 1))
+         call mask(n, moved, moves, x(:, :, :, 2), 2.0_wp, motion(:, :, 2))
+         do k = 3, path_degree
+            if (operators%first_power(k) <= k - 2) &
+               call add_answer(size(operators%reads, 3), k, operators%first_power(k), &
+                               operators%markov, n, moved, motion, x(:, :, :, k))
+            if (k <= most_power) call mask(n, moved, moves, x(:, :, :, k), factorial(k), &
+                                           motion(:, :, k))
+         end do
+         call integrate(n, moved, rows, moves, x1, x, self%moments(:, :, :, g))
+      end associate
+   end subroutine follow
+
+   !> Finds which sliders move with their joints from the start of the part: those of slipping
+   !> joints, and of joints without friction, which have no spring and slip for ever.
+   pure subroutine find_moving(joints, side, spring, moves, n_moved, moved)
+      integer, intent(in) :: joints
+      real(wp), intent(in), dimension(lanes, groups, *) :: side, spring
+      real(wp), intent(inout) :: moves(lanes, joints)
+      integer, intent(out) :: n_moved
+      integer, intent(inout) :: moved(joints + 1)
+      real(wp) :: most
+      integer :: j, l
+
+      n_moved = 0
+      do j = 1, joints
+         most = 0.0_wp
+         !$omp simd reduction(max:most)
+         do l = 1, lanes
+            moves(l, j) = merge(0.0_wp, 1.0_wp, abs(side(l, 1, j)) <= 0.0_wp .and. &
+                                spring(l, 1, j) > 0.0_wp)
+            most = max(most, moves(l, j))
+         end do
+         moved(n_moved + 1) = j
+         n_moved = n_moved + nint(most)
+      end do
+   end subroutine find_moving
+
+   !> Finds one power of the motion, times a factor, from that power of the paths.
+   pure subroutine mask(n, moved, moves, x, factor, motion)
+      integer, intent(in) :: n, moved(n)
+      real(wp), intent(in) :: moves(lanes, *), x(lanes, groups, *), factor
+      real(wp), intent(inout) :: motion(lanes, *)
+      integer :: i, l
+
+      do i = 1, n
+         !$omp simd
+         do l = 1, lanes
+            motion(l, i) = factor*moves(l, moved(i))*x(l, 1, moved(i))
+         end do
       end do
    end subroutine mask
 
-   pure subroutine multiply(moves, x, motion)
-      real(wp), intent(in), dimension(lanes) :: moves, x
-      real(wp), intent(inout) :: motion(lanes)
-      integer :: l
+   !> Adds the sliders' answers to one power of the paths: power e of a slider adds Y_d e!/k! to
+   !> power k = e + d + 2 (M5). The sums of four joints stay in registers.
+   pure subroutine add_answer(fours, k, first, markov, n, moved, motion, x)
+      integer, intent(in) :: fours, k, first, n, moved(n)   !! first: e
+      real(wp), intent(in), contiguous :: markov(:, :, 0:)
+      real(wp), intent(in), contiguous :: motion(:, :, :)   !! e! x_e (lane, entry, e)
+      real(wp), intent(inout) :: x(lanes, groups, four, fours)
+      real(wp) :: before, share, total(lanes, four)
+      integer :: d, e, i, l, q, r
 
-      !$omp simd
-      do l = 1, lanes
-         motion(l) = moves(l)*x(l)
+      before = merge(factorial(k), 0.0_wp, k < path_degree)   ! of the free path
+      share = 1.0_wp/factorial(k)
+      do q = 1, fours
+         total = before*x(:, 1, :, q)
+         do e = first, k - 2
+            d = k - 2 - e
+            do i = 1, n
+               do r = 1, four
+                  do l = 1, lanes
+                     total(l, r) = total(l, r) &
+                                   + markov(four*(q - 1) + r, moved(i), d)*motion(l, i, e)
+                  end do
+               end do
+            end do
+         end do
+         x(:, 1, :, q) = share*total
       end do
-   end subroutine multiply
+   end subroutine add_answer
 
    !> Integrates the motion: I_s of t^k is k!/(k + s)! (M6).
-   pure subroutine integrate_motion(self, g, rows, x1, x)
-      class(moving_sliders), intent(inout) :: self
-      integer, intent(in) :: g, rows
-      real(wp), intent(in) :: x1(lanes, groups, rows), x(lanes, groups, rows, 2:6)   !! see mask
-      integer :: i
+   pure subroutine integrate(n, moved, rows, moves, x1, x, moments)
+      integer, intent(in) :: n, moved(n), rows
+      real(wp), intent(in) :: moves(lanes, *), x1(lanes, groups, rows)
+      real(wp), intent(in) :: x(lanes, groups, rows, 2:6)
+      real(wp), intent(inout), contiguous :: moments(:, :, 0:)   !! (lane, joint, s)
+      integer :: i, j, l, s
 
-      do i = 1, self%n_moved(g)
-         associate (j => self%moved(i, g))
-            call integrate(ubound(self%moments, 3), rows, self%moves(:, j, g), x1(1, 1, j), &
-                           x(1, 1, j, 2), size(self%moves, 2), j, self%moments(:, :, :, g))
-         end associate
-      end do
-   end subroutine integrate_motion
-
-   pure subroutine integrate(last, rows, moves, x1, x, joints, j, moments)
-      integer, intent(in) :: last, rows, joints, j
-      real(wp), intent(in), dimension(lanes) :: moves, x1
-      real(wp), intent(in) :: x(lanes, groups, rows, 2:*)      !! its first row counts
-      real(wp), intent(inout) :: moments(lanes, joints, 0:last)
-      integer :: l, s
-
-      do s = 0, last
-         !$omp simd
-         do l = 1, lanes
-            moments(l, j, s) = moves(l)*((fall(6, s)*x(l, 1, 1, 6) + fall(5, s)*x(l, 1, 1, 5)) &
-                                         + (fall(4, s)*x(l, 1, 1, 4) + fall(3, s)*x(l, 1, 1, 3)) &
-                                         + (fall(2, s)*x(l, 1, 1, 2) + fall(1, s)*x1(l)))
+      do i = 1, n
+         j = moved(i)
+         do s = 0, ubound(moments, 3)
+            !$omp simd
+            do l = 1, lanes
+               moments(l, j, s) = moves(l, j) &
+                                  *((fall(6, s)*x(l, 1, j, 6) + fall(5, s)*x(l, 1, j, 5)) &
+                                    + (fall(4, s)*x(l, 1, j, 4) + fall(3, s)*x(l, 1, j, 3)) &
+                                    + (fall(2, s)*x(l, 1, j, 2) + fall(1, s)*x1(l, 1, j)))
+            end do
          end do
       end do
    end subroutine integrate

@@ -1,55 +1,56 @@
 !> Loops over modes and joints of eight samples side by side, for one part of a step in the modal
-!> form.
+!> form. Sums of four rows stay in registers.
 module dynamics_exact_modal_steps
    use core_kinds, only: wp
-   use dynamics_exact_modal_sliders, only: groups, lanes
+   use dynamics_exact_modal_operators, only: four, modal_operators
+   use dynamics_exact_modal_terms, only: groups, lanes
    implicit none(type, external)
    private
-   public :: put_free_paths, rotate_modes, rotate_pairs, take_motion
+   public :: multiply, push_motion, read_paths, rotate_modes, rotate_pairs
 
 contains
 
-   !> Takes modes to the end of the part, one by one, and finds what its middle adds to the cubic
+   !> Takes modes to the end of the part, one by one, and finds what their middle adds to the cubic
    !> through both ends, from the first mode on where that counts (M3), (M4).
-   pure subroutine rotate_modes(rows, first_slope, rotation, load, force, pushed, now, middle)
+   pure subroutine rotate_modes(rows, first_read, rotation, load, force, modes, middle)
       integer, intent(in) :: rows
-      integer, intent(in) :: first_slope                   !! mode whose slope counts
+      integer, intent(in) :: first_read(4)                 !! see modal_terms
       real(wp), intent(in), contiguous :: load(:, :)       !! (mode, force)
       real(wp), intent(in) :: rotation(4, 4, size(load, 1))   !! see modal_operators
       real(wp), intent(in) :: force(lanes, size(load, 2), 0:1)   !! value and rise [N]
-      real(wp), intent(in) :: pushed(lanes, rows)          !! S z
-      real(wp), intent(inout) :: now(lanes, rows, 2)       !! q, q'
+      real(wp), intent(inout) :: modes(lanes, rows, 3)     !! q, q', S z
       real(wp), intent(inout) :: middle(lanes, rows, 2)    !! see modal_form
       real(wp) :: push, q, rise, v
       integer :: f, i, l, r
 
       do r = 1, size(load, 1)
-         if (r >= first_slope) then
+         if (r >= first_read(4)) then
             !$omp simd private(push, rise)
             do l = 1, lanes
-               push = pushed(l, r) + load(r, 1)*force(l, 1, 0)
+               push = modes(l, r, 3) + load(r, 1)*force(l, 1, 0)
                rise = load(r, 1)*force(l, 1, 1)
-               middle(l, r, 2) = rotation(1, 4, r)*now(l, r, 1) + (rotation(2, 4, r)*now(l, r, 2) &
-                                 + (rotation(3, 4, r)*push + rotation(4, 4, r)*rise))
+               middle(l, r, 2) = rotation(1, 4, r)*modes(l, r, 1) &
+                                 + (rotation(2, 4, r)*modes(l, r, 2) &
+                                    + (rotation(3, 4, r)*push + rotation(4, 4, r)*rise))
             end do
          end if
          !$omp simd private(push, q, rise, v)
          do l = 1, lanes
-            push = pushed(l, r) + load(r, 1)*force(l, 1, 0)
+            push = modes(l, r, 3) + load(r, 1)*force(l, 1, 0)
             rise = load(r, 1)*force(l, 1, 1)
-            q = now(l, r, 1)
-            v = now(l, r, 2)
-            now(l, r, 1) = rotation(1, 1, r)*q + (rotation(2, 1, r)*v &
-                           + (rotation(3, 1, r)*push + rotation(4, 1, r)*rise))
-            now(l, r, 2) = rotation(1, 2, r)*q + (rotation(2, 2, r)*v &
-                           + (rotation(3, 2, r)*push + rotation(4, 2, r)*rise))
+            q = modes(l, r, 1)
+            v = modes(l, r, 2)
+            modes(l, r, 1) = rotation(1, 1, r)*q + (rotation(2, 1, r)*v &
+                             + (rotation(3, 1, r)*push + rotation(4, 1, r)*rise))
+            modes(l, r, 2) = rotation(1, 2, r)*q + (rotation(2, 2, r)*v &
+                             + (rotation(3, 2, r)*push + rotation(4, 2, r)*rise))
             middle(l, r, 1) = rotation(1, 3, r)*q + (rotation(2, 3, r)*v &
                               + (rotation(3, 3, r)*push + rotation(4, 3, r)*rise))
          end do
          do f = 2, size(load, 2)
             do i = 1, 2
-               now(:, r, i) = now(:, r, i) + load(r, f)*(rotation(3, i, r)*force(:, f, 0) &
-                                                         + rotation(4, i, r)*force(:, f, 1))
+               modes(:, r, i) = modes(:, r, i) + load(r, f)*(rotation(3, i, r)*force(:, f, 0) &
+                                                             + rotation(4, i, r)*force(:, f, 1))
                middle(:, r, i) = middle(:, r, i) &
                                  + load(r, f)*(rotation(3, i + 2, r)*force(:, f, 0) &
                                                + rotation(4, i + 2, r)*force(:, f, 1))
@@ -59,16 +60,15 @@ contains
    end subroutine rotate_modes
 
    !> Does the same to blocks of two ports.
-   pure subroutine rotate_pairs(rows, first_read, rotation, load, force, pushed, now, middle)
+   pure subroutine rotate_pairs(rows, first_read, rotation, load, force, modes, middle)
       integer, intent(in) :: rows
       integer, intent(in) :: first_read(4)                 !! blocks, see modal_terms
       real(wp), intent(in), contiguous :: load(:, :)       !! (row, force)
       real(wp), intent(in) :: rotation(6, 6, size(load, 1)/2)   !! see modal_operators
       real(wp), intent(in) :: force(lanes, size(load, 2), 0:1)   !! value and rise [N]
-      real(wp), intent(in) :: pushed(lanes, rows)          !! S z
-      real(wp), intent(inout) :: now(lanes, rows)          !! p
+      real(wp), intent(inout) :: modes(lanes, rows, 2)     !! p, S z
       real(wp), intent(inout) :: middle(lanes, rows, 2)    !! see modal_form
-      real(wp) :: start(lanes, 6)   ! of a block: its numbers, pushes and rises
+      real(wp), dimension(lanes, 2) :: number, push, rise
       integer :: b, f, l, port, row
 
       do b = 1, size(load, 1)/2
@@ -76,113 +76,217 @@ contains
             row = 2*b - 2 + port
             !$omp simd
             do l = 1, lanes
-               start(l, port) = now(l, row)
-               start(l, 2 + port) = pushed(l, row) + load(row, 1)*force(l, 1, 0)
-               start(l, 4 + port) = load(row, 1)*force(l, 1, 1)
+               number(l, port) = modes(l, row, 1)
+               push(l, port) = modes(l, row, 2) + load(row, 1)*force(l, 1, 0)
+               rise(l, port) = load(row, 1)*force(l, 1, 1)
             end do
             do f = 2, size(load, 2)
-               start(:, 2 + port) = start(:, 2 + port) + load(row, f)*force(:, f, 0)
-               start(:, 4 + port) = start(:, 4 + port) + load(row, f)*force(:, f, 1)
+               push(:, port) = push(:, port) + load(row, f)*force(:, f, 0)
+               rise(:, port) = rise(:, port) + load(row, f)*force(:, f, 1)
             end do
          end do
-         call add_up(rotation(1, 1, b), start, now(1, 2*b - 1))
-         if (b >= first_read(3)) call add_up(rotation(1, 3, b), start, middle(1, 2*b - 1, 1))
-         if (b >= first_read(4)) call add_up(rotation(1, 5, b), start, middle(1, 2*b - 1, 2))
+         do port = 1, 2
+            row = 2*b - 2 + port
+            call add_up(rotation(1, port, b), number, push, rise, modes(1, row, 1))
+            if (b >= first_read(3)) &
+               call add_up(rotation(1, 2 + port, b), number, push, rise, middle(1, row, 1))
+            if (b >= first_read(4)) &
+               call add_up(rotation(1, 4 + port, b), number, push, rise, middle(1, row, 2))
+         end do
       end do
    end subroutine rotate_pairs
 
-   pure subroutine add_up(factor, from, total)
-      real(wp), intent(in) :: factor(6, 2), from(lanes, 6)
-      real(wp), intent(inout) :: total(lanes, 2)
-      real(wp) :: a, b, c, d, e, f
+   pure subroutine add_up(factor, number, push, rise, total)
+      real(wp), intent(in) :: factor(6)
+      real(wp), intent(in), dimension(lanes, 2) :: number, push, rise
+      real(wp), intent(inout) :: total(lanes)
       integer :: l
 
-      !$omp simd private(a, b, c, d, e, f)
+      !$omp simd
       do l = 1, lanes
-         a = from(l, 1)
-         b = from(l, 2)
-         c = from(l, 3)
-         d = from(l, 4)
-         e = from(l, 5)
-         f = from(l, 6)
-         total(l, 1) = (factor(1, 1)*a + (factor(2, 1)*b + factor(3, 1)*c)) &
-                       + (factor(4, 1)*d + (factor(5, 1)*e + factor(6, 1)*f))
-         total(l, 2) = (factor(1, 2)*a + (factor(2, 2)*b + factor(3, 2)*c)) &
-                       + (factor(4, 2)*d + (factor(5, 2)*e + factor(6, 2)*f))
+         total(l) = (factor(1)*number(l, 1) + (factor(2)*number(l, 2) + factor(3)*push(l, 1))) &
+                    + (factor(4)*push(l, 2) + (factor(5)*rise(l, 1) + factor(6)*rise(l, 2)))
       end do
    end subroutine add_up
 
-   !> Finds powers 2 .. 5 of the cubic through values and slopes at 0 and 1 and what the middle adds
-   !> (M4): d = 16 e t^2 (1 - t)^2 by its value, 16 s t^2 (1 - t)^2 (t - 1/2) by its slope, which
-   !> alone has power 5.
-   pure subroutine put_free_paths(joints, rows, has_slope, value, x0, x1, x)
+   !> Finds y = A x.
+   pure subroutine multiply(fours, columns, a, x, y)
+      integer, intent(in) :: fours, columns
+      real(wp), intent(in) :: a(four, columns, fours), x(lanes, columns)
+      real(wp), intent(inout) :: y(lanes, four, fours)
+      real(wp) :: total(lanes, four)
+      integer :: i, l, q, r
+
+      do q = 1, fours
+         total = 0.0_wp
+         do i = 1, columns
+            do r = 1, four
+               do l = 1, lanes
+                  total(l, r) = total(l, r) + a(r, i, q)*x(l, i)
+               end do
+            end do
+         end do
+         y(:, :, q) = total
+      end do
+   end subroutine multiply
+
+   !> Reads the free paths of joints, powers 2 .. 5 of the polynomial through values and slopes at 0
+   !> and 1 and what the middle adds, from the first row on where that counts (M4):
+   !> 16 e t^2 (1 - t)^2 by its value, 16 s t^2 (1 - t)^2 (t - 1/2) by its slope, which alone has
+   !> power 5.
+   pure subroutine read_paths(operators, joints, rows, modes, middle, x0, x1, x)
+      type(modal_operators), intent(in) :: operators
       integer, intent(in) :: joints, rows
-      logical, intent(in) :: has_slope                    !! s counts
-      real(wp), intent(in) :: value(lanes, joints, 4)     !! u(1), u'(1), e, s
-      real(wp), intent(in), dimension(lanes, groups, rows) :: x0, x1   !! u(0), u'(0)
-      real(wp), intent(inout) :: x(lanes, groups, rows, 2:5)           !! (.., joint, power)
-      real(wp) :: change, finish, middle, slope, start
-      integer :: j, l
+      real(wp), intent(in) :: modes(lanes, rows, *), middle(lanes, rows, 2)   !! see modal_form
+      real(wp), intent(in), dimension(lanes, groups, joints) :: x0, x1   !! u(0), u'(0)
+      real(wp), intent(inout) :: x(lanes, groups, joints, 2:5)           !! (.., joint, power)
+      real(wp), dimension(lanes, four) :: e, s, u, v
+      real(wp) :: change, start
+      integer :: first_e, first_s, i, j, l, ports, q, r
 
-      do j = 1, joints
-         !$omp simd private(change, finish, middle, start)
-         do l = 1, lanes
-            change = value(l, j, 1) - x0(l, 1, j)
-            start = x1(l, 1, j)
-            finish = value(l, j, 2)
-            middle = 16.0_wp*value(l, j, 3)
-            x(l, 1, j, 2) = (3.0_wp*change - (2.0_wp*start + finish)) + middle
-            x(l, 1, j, 3) = ((start + finish) - 2.0_wp*change) - 2.0_wp*middle
-            x(l, 1, j, 4) = middle
-         end do
-         if (.not. has_slope) cycle
-         !$omp simd private(slope)
-         do l = 1, lanes
-            slope = 8.0_wp*value(l, j, 4)
-            x(l, 1, j, 2) = x(l, 1, j, 2) - slope
-            x(l, 1, j, 3) = x(l, 1, j, 3) + 4.0_wp*slope
-            x(l, 1, j, 4) = x(l, 1, j, 4) - 5.0_wp*slope
-            x(l, 1, j, 5) = 2.0_wp*slope
-         end do
-      end do
-   end subroutine put_free_paths
-
-   !> Gives the blocks at the end of the part the motion of the sliders (M6).
-   pure subroutine take_motion(rows, n, ports, last, weight, taken, now, pushed)
-      integer, intent(in) :: rows, n, ports, last
-      real(wp), intent(in) :: weight(0:last, ports, 2, n)   !! (moment, port, number, block)
-      real(wp), intent(in) :: taken(lanes, rows, 0:last)    !! S I
-      real(wp), intent(inout) :: now(lanes, rows, 3 - ports)
-      real(wp), intent(inout) :: pushed(lanes, rows)        !! S z
-      real(wp) :: a, b, c
-      integer :: k, l, plane, port, r, row
-
-      plane = 3 - ports   ! of the second number
-      do port = 1, ports
-         do r = 1, n
-            row = ports*(r - 1)
-            !$omp simd private(a, b, c)
-            do l = 1, lanes
-               a = taken(l, row + port, 0)
-               b = taken(l, row + port, 1)
-               c = taken(l, row + port, 2)
-               pushed(l, row + port) = pushed(l, row + port) + a
-               now(l, row + 1, 1) = now(l, row + 1, 1) &
-                                    + (weight(0, port, 1, r)*a &
-                                       + (weight(1, port, 1, r)*b + weight(2, port, 1, r)*c))
-               now(l, row + ports, plane) = now(l, row + ports, plane) &
-                                            + (weight(0, port, 2, r)*a &
-                                               + (weight(1, port, 2, r)*b &
-                                                  + weight(2, port, 2, r)*c))
+      ports = operators%blocks%ports
+      first_e = ports*(operators%first_read(3) - 1) + 1
+      first_s = ports*(operators%first_read(4) - 1) + 1
+      associate (place => operators%reads(:, :, :, 1), &
+                 velocity => operators%reads(:, :, :, ports), &
+                 now => modes(:, :, 1), rate => modes(:, :, 3 - ports), n => operators%n_rows)
+         do q = 1, size(place, 3)
+            u = 0.0_wp
+            v = 0.0_wp
+            e = 0.0_wp
+            do i = 1, first_e - 1
+               do r = 1, four
+                  do l = 1, lanes
+                     u(l, r) = u(l, r) + place(r, i, q)*now(l, i)
+                     v(l, r) = v(l, r) + velocity(r, i, q)*rate(l, i)
+                  end do
+               end do
             end do
-            do k = 3, last
-               now(:, row + 1, 1) = now(:, row + 1, 1) &
-                                    + weight(k, port, 1, r)*taken(:, row + port, k)
-               now(:, row + ports, plane) = now(:, row + ports, plane) &
-                                            + weight(k, port, 2, r)*taken(:, row + port, k)
+            do i = first_e, n
+               do r = 1, four
+                  do l = 1, lanes
+                     u(l, r) = u(l, r) + place(r, i, q)*now(l, i)
+                     v(l, r) = v(l, r) + velocity(r, i, q)*rate(l, i)
+                     e(l, r) = e(l, r) + place(r, i, q)*middle(l, i, 1)
+                  end do
+               end do
+            end do
+            do r = 1, four
+               j = four*(q - 1) + r
+               !$omp simd private(change, start)
+               do l = 1, lanes
+                  change = u(l, r) - x0(l, 1, j)
+                  start = x1(l, 1, j)
+                  x(l, 1, j, 2) = (3.0_wp*change - (2.0_wp*start + v(l, r))) + 16.0_wp*e(l, r)
+                  x(l, 1, j, 3) = ((start + v(l, r)) - 2.0_wp*change) - 32.0_wp*e(l, r)
+                  x(l, 1, j, 4) = 16.0_wp*e(l, r)
+                  x(l, 1, j, 5) = 0.0_wp
+               end do
+            end do
+            if (first_s > n) cycle
+            s = 0.0_wp
+            do i = first_s, n
+               do r = 1, four
+                  do l = 1, lanes
+                     s(l, r) = s(l, r) + place(r, i, q)*middle(l, i, 2)
+                  end do
+               end do
+            end do
+            do r = 1, four
+               j = four*(q - 1) + r
+               !$omp simd
+               do l = 1, lanes
+                  x(l, 1, j, 2) = x(l, 1, j, 2) - 8.0_wp*s(l, r)
+                  x(l, 1, j, 3) = x(l, 1, j, 3) + 32.0_wp*s(l, r)
+                  x(l, 1, j, 4) = x(l, 1, j, 4) - 40.0_wp*s(l, r)
+                  x(l, 1, j, 5) = 16.0_wp*s(l, r)
+               end do
             end do
          end do
-      end do
-   end subroutine take_motion
+      end associate
+   end subroutine read_paths
+
+   !> Gives the blocks at the end of the part the motion of the sliders (M6): of those listed, the
+   !> others stand.
+   pure subroutine push_motion(operators, moved, moments, keeps, rows, taken, modes)
+      type(modal_operators), intent(in) :: operators
+      integer, intent(in) :: moved(:), rows
+      real(wp), intent(in), contiguous :: moments(:, :, 0:)   !! (lane, joint, moment)
+      logical, intent(in) :: keeps                            !! S I, for the ledger
+      real(wp), intent(inout) :: taken(lanes, rows, 0:*)      !! S I (.., moment)
+      real(wp), intent(inout) :: modes(lanes, rows, *)        !! see modal_form
+      real(wp), dimension(lanes, four) :: a, b, c
+      integer :: first, i, j, k, l, plane, ports, q, r, second
+
+      if (keeps) taken(:, :, :operators%n_moments) = 0.0_wp
+      if (size(moved) == 0) return
+      ports = operators%blocks%ports
+      plane = 3 - ports   ! of the second number; then that of S z
+      associate (push => operators%push, weight => operators%weight)
+         do q = 0, rows - four, four
+            j = moved(1)
+            do r = 1, four
+               do l = 1, lanes
+                  a(l, r) = push(q + r, j)*moments(l, j, 0)
+                  b(l, r) = push(q + r, j)*moments(l, j, 1)
+                  c(l, r) = push(q + r, j)*moments(l, j, 2)
+               end do
+            end do
+            do i = 2, size(moved)
+               j = moved(i)
+               do r = 1, four
+                  do l = 1, lanes
+                     a(l, r) = a(l, r) + push(q + r, j)*moments(l, j, 0)
+                     b(l, r) = b(l, r) + push(q + r, j)*moments(l, j, 1)
+                     c(l, r) = c(l, r) + push(q + r, j)*moments(l, j, 2)
+                  end do
+               end do
+            end do
+            if (keeps) then
+               taken(:, q + 1:q + four, 0) = a
+               taken(:, q + 1:q + four, 1) = b
+               taken(:, q + 1:q + four, 2) = c
+            end if
+            !GCC$ unroll 4
+            do r = 1, four
+               first = q + r - modulo(r - 1, ports)
+               second = first + ports - 1
+               !$omp simd
+               do l = 1, lanes
+                  modes(l, q + r, plane + 1) = modes(l, q + r, plane + 1) + a(l, r)
+                  modes(l, first, 1) = modes(l, first, 1) &
+                                       + (weight(0, 1, q + r)*a(l, r) &
+                                          + (weight(1, 1, q + r)*b(l, r) &
+                                             + weight(2, 1, q + r)*c(l, r)))
+                  modes(l, second, plane) = modes(l, second, plane) &
+                                            + (weight(0, 2, q + r)*a(l, r) &
+                                               + (weight(1, 2, q + r)*b(l, r) &
+                                                  + weight(2, 2, q + r)*c(l, r)))
+               end do
+            end do
+            do k = 3, operators%n_moments
+               a = 0.0_wp
+               do i = 1, size(moved)
+                  j = moved(i)
+                  do r = 1, four
+                     do l = 1, lanes
+                        a(l, r) = a(l, r) + push(q + r, j)*moments(l, j, k)
+                     end do
+                  end do
+               end do
+               if (keeps) taken(:, q + 1:q + four, k) = a
+               do r = 1, four
+                  first = q + r - modulo(r - 1, ports)
+                  second = first + ports - 1
+                  !$omp simd
+                  do l = 1, lanes
+                     modes(l, first, 1) = modes(l, first, 1) + weight(k, 1, q + r)*a(l, r)
+                     modes(l, second, plane) = modes(l, second, plane) + weight(k, 2, q + r)*a(l, r)
+                  end do
+               end do
+            end do
+         end do
+      end associate
+   end subroutine push_motion
 
 end module dynamics_exact_modal_steps

@@ -2,14 +2,19 @@
 !> of docs/exact_march.md.
 module dynamics_exact_modal_terms
    use core_kinds, only: two_pi, wp
+   use dynamics_alignment, only: lanes => register_width
+   use dynamics_exact_joint_paths, only: width
    use dynamics_exact_modal_blocks, only: modal_blocks
    use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: choose_terms, count_parts, feel_joints, joint_feel, longest_in_parts, modal_terms
-   public :: n_markov, path_degree
+   public :: factorial, groups, lanes, n_markov, path_degree
 
+   integer, parameter :: groups = width/lanes   !! of eight samples, side by side
    integer, parameter :: path_degree = 6   !! of the paths of joints
+   real(wp), parameter :: factorial(0:path_degree) = [1.0_wp, 1.0_wp, 2.0_wp, 6.0_wp, 24.0_wp, &
+                                                      120.0_wp, 720.0_wp]
    integer, parameter :: n_markov = 3      !! terms of the answer of a joint to a slider
    real(wp), parameter :: safety = 30.0_wp           !! of the estimate (M7)
    real(wp), parameter :: term_safety = 10.0_wp      !! of the estimates (M8)
@@ -204,9 +209,9 @@ contains
       associate (decay => maxval(sum(abs(damping), 1)))
          answer = [kernel(0), kernel(0)*decay, kernel(2) + kernel(0)*decay**2]
       end associate
-      terms%first_read(3) = first_beyond(cubic_error*share*blocks%fastest**4)
+      terms%first_read(3) = first_beyond(cubic_error*share*blocks%rate**4)
       terms%first_read(4) = max(terms%first_read(3), &
-                                first_beyond(quartic_error*share*blocks%fastest**5))
+                                first_beyond(quartic_error*share*blocks%rate**5))
       memory = steps*terms%n_parts
       terms%n_moments = 4
       if (memory*(kernel(2)*path(3) + kernel(4)*path(2))*1.0e-5_wp <= 0.2_wp*tolerance) &
@@ -215,7 +220,7 @@ contains
       do k = 3, path_degree
          terms%first_power(k) = k - 1
          do d = 0, min(n_markov - 1, k - 3)
-            if (max(20.0_wp*term_safety, on)*answer(d)*path(k - 2 - d)/gamma(real(k + 1, wp)) &
+            if (max(20.0_wp*term_safety, on)*answer(d)*path(k - 2 - d)/factorial(k) &
                 > tolerance) &
                terms%first_power(k) = k - 2 - d
          end do

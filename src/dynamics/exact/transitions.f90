@@ -45,7 +45,7 @@ module dynamics_exact_transitions
       !> where positive: a bound of the guard; a guard with a plain zero
       real(wp), dimension(group_size) :: is_clear, is_plain
       !> from tau on, after shift_path
-      real(wp), private :: path(group_size, 0:most_degree) = 0.0_wp
+      real(wp) :: path(group_size, 0:most_degree) = 0.0_wp
       real(wp) :: answer(group_size, 3:most_degree)            !! d of (6)
    end type transition_group
 
