@@ -53,8 +53,8 @@ contains
                                      'accurate as wanted'//failures)
    end subroutine judge
 
-   !> Says how far the mean times in slip of a results file can be trusted; '' where it has no
-   !> errors.
+   !> Says how far the mean times in slip of a results file can be trusted, and where nothing slips;
+   !> '' where it has no errors.
    subroutine tell_errors(path, plan, text, error)
       character(*), intent(in) :: path
       type(plan_type), intent(in) :: plan
@@ -62,14 +62,19 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(case_errors), allocatable :: errors(:)
       type(slip_error) :: one, largest
+      logical, allocatable :: is_stuck(:)   ! (case) in all samples
       integer :: i
 
       text = ''
       call read_errors(path, count(plan%cases%audits == 0), errors, error)
       if (allocated(error)) return
       largest = slip_error(samples=[0.0_wp], record=[0.0_wp])
+      allocate (is_stuck(size(errors)), source=.false.)
       do i = 1, size(errors)
-         if (.not. allocated(errors(i)%statistics%numbers(of_slip)%mean_error)) cycle
+         associate (slip => errors(i)%statistics%numbers(of_slip))
+            if (allocated(slip%mean)) is_stuck(i) = .not. any(slip%mean > 0.0_wp)
+            if (.not. allocated(slip%mean_error)) cycle
+         end associate
          one = slip_error_of(errors(i)%statistics, errors(i)%ratio, 0, .false.)
          if (statistical_error(one) > statistical_error(largest)) largest = one
       end do
@@ -78,15 +83,25 @@ contains
          if (text == '') text = 'mean time in slip'
          text = text//', numerical error '//brief(maxval(errors%slip_points))//' points'
       end if
-      if (all(errors%n_unsteady < 0)) return
-      if (text /= '') text = text//'; '
+      if (any(is_stuck)) call add_part('no joint slips in '//numbers_text('c', is_stuck, 'cases'))
       if (all(errors%n_unsteady == 0)) then
-         text = text//'all samples are steady'
-      else
-         text = text//counted(sum(errors%n_unsteady), 'sample is', 'samples are')// &
-                ' not steady in '//numbers_text('c', errors%n_unsteady > 0, 'cases')// &
-                ': integration%n_steps is too short there, or the motion does not repeat'
+         call add_part('all samples are steady')
+      else if (any(errors%n_unsteady > 0)) then
+         call add_part(counted(sum(errors%n_unsteady), 'sample is', 'samples are')// &
+                       ' not steady in '//numbers_text('c', errors%n_unsteady > 0, 'cases')// &
+                       ': integration%n_steps is too short there, or the motion does not repeat')
       end if
+
+   contains
+
+      !> Adds a part of the line.
+      subroutine add_part(part)
+         character(*), intent(in) :: part
+
+         if (text /= '') text = text//'; '
+         text = text//part
+      end subroutine add_part
+
    end subroutine tell_errors
 
    !> The largest standard error of a mean time in slip, and what does not lower it; '' where there

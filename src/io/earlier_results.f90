@@ -188,6 +188,7 @@ contains
 
       associate (statistics => errors%statistics, slip => errors%statistics%numbers(of_slip))
          call group%read('n_samples', statistics%n_samples)
+         call group%get('slip_mean', slip%mean)
          call group%get('slip_mean_error', slip%mean_error)
          call group%get('slip_mean_time_error', statistics%slip_mean_time_error)
          call group%get('slip_std_time_part', statistics%slip_std_time_part)

@@ -55,7 +55,7 @@ def test_the_summary_tells_what_was_done_how_long_it_took_and_how_sure_it_is(com
 
 
 def test_the_summary_says_what_more_samples_do_not_lower(entroslip, tmp_path):
-    """Of one record for all samples, of a record for each, of fewer than 512 steps, of no load."""
+    """Of one record for all samples, of a record for each, of fewer than 512 steps, of no load, of much."""
     (tmp_path / "s.nml").write_text(ONE_RECORD)
     of_time = "points (most of it time-average error: more steps lower it, more samples do not)"
     for option, ending in (
@@ -63,6 +63,7 @@ def test_the_summary_says_what_more_samples_do_not_lower(entroslip, tmp_path):
         ("excitation%per_sample=.true.", "points"),
         ("integration%n_steps=511", "the march is too short to tell its standard error"),
         ("chain%normal_load=0.0", " s"),
+        ("chain%normal_load=1e6", "no joint slips in c001"),
     ):
         done = entroslip("run", "s.nml", "--fresh", "--set", option)
         assert done.returncode == 0, done.stderr
