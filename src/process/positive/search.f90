@@ -33,7 +33,8 @@ module process_positive_search
 contains
 
    !> Follows the branch of the unconstrained process to the wanted std/mean, at once or by a climb.
-   !> Fails where it ends before.
+   !> Fails where it ends before. Where both lengths are imposed and K(m) would change its sign,
+   !> K(m) >= 0 is sought first: signs that may turn are seldom at rest.
    subroutine follow_unconstrained(request, seed, law, error, sequence)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -42,6 +43,7 @@ contains
       type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
       integer, parameter :: most_halvings = 3
       real(wp), parameter :: steep = 0.9_wp   ! std/mean of a start
+      type(sampled_objective) :: before
       real(wp) :: limit, ratio
       integer :: i
       logical :: is_limited
@@ -64,9 +66,18 @@ contains
          ! far from the start another branch may have the targets too
          if (limit > 0.0_wp .and. (i > 0 .or. law%family%is_near(law%point))) exit
       end do
+      if (request%correlation == 'both' .and. all(law%signs > 0.0_wp)) &
+         law%problem%request%branch = 'nonnegative'
       if (law%found%is_converged) then
+         before = law
          if (i > 0 .or. law%family%kind == by_symbol .or. .not. has_wanted_signs(law)) &
             call adopt_signs(law)
+         if (.not. law%found%is_converged .and. law%problem%request%branch /= request%branch) then
+            before%effort = law%effort
+            law = before
+            law%problem%request%branch = request%branch
+            call adopt_signs(law)
+         end if
       end if
       if (.not. law%found%is_converged) &
          call refuse(law, 'the branch of the unconstrained process', limit, error)
@@ -154,7 +165,8 @@ contains
    end subroutine begin
 
    !> Climbs by maxima at larger and larger std/mean, from that of the start to the wanted one, by
-   !> steps that grow until one fails. Where maxima end before, the last is not converged.
+   !> steps that grow until one fails and shrink from there on. Where maxima end before, the last is
+   !> not converged.
    subroutine climb(law, start, wanted, limit)
       type(sampled_objective), intent(inout) :: law
       real(wp), intent(in) :: start, wanted
@@ -178,12 +190,12 @@ contains
             limit = law%problem%ratio
             if (limit >= wanted) return
             call law%settle()
-            step = growth*step
+            step = max(growth*step, least_step)
          else
             law%point = reached
             law%family%faces = faces
             if (.not. limit > 0.0_wp) exit
-            growth = 1.0_wp
+            growth = 0.5_wp
             step = 0.5_wp*min(step, law%problem%ratio/limit - 1.0_wp)
             if (step < least_step .or. law%is_exhausted()) exit
             law%found = before
