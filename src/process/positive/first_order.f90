@@ -193,7 +193,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: farthest = 200.0_wp
       type(root_search) :: search
-      real(wp) :: excess, last, trial
+      real(wp) :: excess, last, length, trial
       integer :: step
 
       search%step = merge(0.25_wp, 0.05_wp, family%is_alternating)
@@ -202,7 +202,10 @@ contains
          last = trial
          call evaluate(family, trial, law, error)
          if (allocated(error)) return
-         excess = log(length_of(law, family%correlation)/family%length)
+         length = length_of(law, family%correlation)
+         excess = -1.0_wp
+         if (.not. length > 0.0_wp) exit   ! nodes do not resolve the process
+         excess = log(length/family%length)
          if (abs(excess) > matched) call search%advance(trial, excess)
          if (abs(excess) <= matched .or. .not. abs(trial - last) > spacing(last)) then
             inner = last

@@ -88,7 +88,7 @@ contains
       if (.not. allocated(error)) then
          if (model%branch /= 'mixed') return
       end if
-      if (.not. may_alternate(request, error)) return
+      if (.not. may_alternate(request, law, error)) return
       law%effort = 0.0_wp
       call follow_alternating(request, seed, law, failure)
       if (.not. allocated(failure)) call finish(request, law, other, failure)
@@ -102,13 +102,16 @@ contains
       end if
    end subroutine fit_sampled
 
-   !> True if the alternating branch is to be searched, where the other one was or failed like this.
-   pure logical function may_alternate(request, error)
+   !> True if the alternating branch is to be searched, where the other one was or failed like this:
+   !> not where that could not begin, for its many lags.
+   pure logical function may_alternate(request, law, error)
       type(process_request), intent(in) :: request
+      type(sampled_objective), intent(in) :: law   !! of the other branch
       type(error_type), allocatable, intent(in) :: error
 
       may_alternate = request%branch == 'any' .and. request%method == 'autoregressive' .and. &
-                      request%correlation /= 'both' .and. request%mean > 0.0_wp
+                      request%correlation /= 'both' .and. request%mean > 0.0_wp .and. &
+                      (law%effort > 0.0_wp .or. request%std >= request%mean)
       if (allocated(error)) &
          may_alternate = may_alternate .and. error%exit_code == exit_no_solution
    end function may_alternate
@@ -154,7 +157,7 @@ contains
          ! when the direct method has tried the unconstrained process's signs others are left
          has_others = request%method == 'direct' .and. request%branch == 'any' .and. &
                       (law%effort > 0.0_wp .or. request%std >= request%mean)
-         if (may_alternate(request, error) .and. &
+         if (may_alternate(request, law, error) .and. &
              .not. (law%is_exhausted() .or. has_first_order)) then
             call follow_alternating(request, seed, law, refusal)
             if (allocated(refusal)) then
