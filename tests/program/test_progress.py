@@ -55,7 +55,7 @@ def test_the_summary_tells_what_was_done_how_long_it_took_and_how_sure_it_is(com
 
 
 def test_the_summary_says_what_more_samples_do_not_lower(entroslip, tmp_path):
-    """Of one record for all samples, of a record for each, of fewer than 512 steps, of no load, of much."""
+    """One record for all samples, one for each, fewer than 512 steps, no load, too much."""
     (tmp_path / "s.nml").write_text(ONE_RECORD)
     of_time = "points (most of it time-average error: more steps lower it, more samples do not)"
     for option, ending in (
