@@ -102,8 +102,7 @@ contains
       end if
    end subroutine fit_sampled
 
-   !> True if the alternating branch is to be searched, where the other one was or failed like this:
-   !> not where that could not begin, for its many lags.
+   !> True if the alternating branch is to be searched, where the other one was or failed like this.
    pure logical function may_alternate(request, law, error)
       type(process_request), intent(in) :: request
       type(sampled_objective), intent(in) :: law   !! of the other branch
@@ -111,10 +110,19 @@ contains
 
       may_alternate = request%branch == 'any' .and. request%method == 'autoregressive' .and. &
                       request%correlation /= 'both' .and. request%mean > 0.0_wp .and. &
-                      (law%effort > 0.0_wp .or. request%std >= request%mean)
+                      was_tried(request, law)
       if (allocated(error)) &
          may_alternate = may_alternate .and. error%exit_code == exit_no_solution
    end function may_alternate
+
+   !> True if the branch of the unconstrained process was searched, or its std/mean forbade it: not
+   !> where its lags were too many to begin.
+   pure logical function was_tried(request, law)
+      type(process_request), intent(in) :: request
+      type(sampled_objective), intent(in) :: law
+
+      was_tried = law%effort > 0.0_wp .or. request%std >= request%mean
+   end function was_tried
 
    !> Foresees a fit: fails where `fit_positive` would not even begin. Of the exact law it also
    !> fills what realizations are drawn by, roughly where it is sampled and found soon. A process of
@@ -156,7 +164,7 @@ contains
       if (allocated(error)) then
          ! when the direct method has tried the unconstrained process's signs others are left
          has_others = request%method == 'direct' .and. request%branch == 'any' .and. &
-                      (law%effort > 0.0_wp .or. request%std >= request%mean)
+                      was_tried(request, law)
          if (may_alternate(request, law, error) .and. &
              .not. (law%is_exhausted() .or. has_first_order)) then
             call follow_alternating(request, seed, law, refusal)

@@ -69,7 +69,7 @@ contains
       if (request%correlation == 'both' .and. all(law%signs > 0.0_wp)) &
          law%problem%request%branch = 'nonnegative'
       if (law%found%is_converged) then
-         before = law
+         if (law%problem%request%branch /= request%branch) before = law
          if (i > 0 .or. law%family%kind == by_symbol .or. .not. has_wanted_signs(law)) &
             call adopt_signs(law)
          if (.not. law%found%is_converged .and. law%problem%request%branch /= request%branch) then
