@@ -118,11 +118,11 @@ contains
       call self%memory%take([width, self%n_joints + 1, 4], self%regime)
    end subroutine start
 
-   !> Rows of a layer: odd, so that layers are not 4096 bytes apart.
+   !> Rows of a layer: whole pairs, an odd number of them, so that layers are not 4096 bytes apart.
    pure integer function padded_rows(n_rows)
       integer, intent(in) :: n_rows
 
-      padded_rows = n_rows + modulo(n_rows + 1, 2)
+      padded_rows = 4*((n_rows + 1)/4) + 2
    end function padded_rows
 
    !> Makes the end of a part the start of the next one.

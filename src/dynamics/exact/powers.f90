@@ -4,23 +4,25 @@
 module dynamics_exact_powers
    use core_kinds, only: wp
    use dynamics_exact_joint_paths, only: padded_rows, width
-   use numerics_sparse, only: sparse_matrix, sparse_of
    implicit none(type, external)
    private
    public :: power_operator, new_power_operator, next_power
 
    !> Coefficients of power k + 2 by powers k and k + 1 and by the forces, entries of K^, C^ and of
-   !> the load in one list. Places are those of joint_paths: those of powers 0 and 1 change from
-   !> part to part, see exchange_ends there.
+   !> the load in one list. Rows go in pairs: what both multiply is loaded once, and eight sums are
+   !> under way. Places are those of joint_paths: those of powers 0 and 1 change from part to part,
+   !> see exchange_ends there.
    type :: power_operator
-      integer :: n_rows = 0
+      integer :: n_pairs = 0
+      integer :: n_multiplications = 0
       integer :: from(0:1) = 0                  !! place before the first row of power k
       integer :: to = 0                         !! of power k + 2
       logical :: pulls = .false.                !! k = 0: the joints' pull counts
       real(wp) :: scale = 0.0_wp                !! -1/((k + 1)(k + 2))
-      integer, allocatable :: start(:)          !! (row + 1)
+      !> (1:3, pair + 1) entries of the first row alone, of the second alone, of both
+      integer, allocatable :: start(:, :)
       integer, allocatable :: place(:, :)       !! (entry, 0:1)
-      real(wp), allocatable :: value(:)         !! (entry) of K^, of (k + 1) C^, of -h^2 M^-1 b
+      real(wp), allocatable :: value(:, :)      !! (row, entry) of K^, of (k + 1) C^, of -h^2 M^-1 b
    end type power_operator
 
 contains
@@ -32,58 +34,93 @@ contains
       real(wp), intent(in) :: damping(:, :)   !! C^, what counts of it (dof, dof)
       real(wp), intent(in) :: load(:, :)      !! h^2 M^-1 b (dof, force)
       type(power_operator) :: operator
-      type(sparse_matrix) :: entries
-      integer :: first(3, 0:1), top, turn   ! first: place before that of column 1 of each
+      real(wp), allocatable :: entries(:, :)   ! (row, column)
+      integer, allocatable :: column(:), sharing(:)
+      integer :: first(3, 0:1), i, j, n, pair, top, turn   ! first: place before column 1 of each
 
+      n = size(springs, 1)
       top = padded_rows(n_rows)
-      operator%n_rows = size(springs, 1)
+      operator%n_pairs = (n + 1)/2
       operator%to = top*(k + 2)
       operator%pulls = k == 0
       operator%scale = -1.0_wp/((k + 1)*(k + 2))
       first(:, 0) = [top*k, top*(k + 1), top*(degree + 5) + size(load, 2)*k]
       first(:, 1) = first(:, 0) + merge(top*(degree + 1), 0, [k <= 1, k == 0, .false.])
       operator%from = first(1, :)
-      entries = sparse_of(reshape([springs, (k + 1)*damping, -merge(load, 0.0_wp, k <= 1)], &
-                                  [operator%n_rows, 2*operator%n_rows + size(load, 2)]))
-      operator%start = entries%start
-      operator%value = entries%value
-      allocate (operator%place(size(entries%value), 0:1))
-      associate (of => min((entries%column - 1)/operator%n_rows, 2))
+      allocate (entries(2*operator%n_pairs, 2*n + size(load, 2)), source=0.0_wp)
+      entries(:n, :n) = springs
+      entries(:n, n + 1:2*n) = (k + 1)*damping
+      if (k <= 1) entries(:n, 2*n + 1:) = -load
+      operator%n_multiplications = count(abs(entries) > 0.0_wp)
+      allocate (operator%start(3, operator%n_pairs + 1), column(0))
+      do pair = 1, operator%n_pairs
+         sharing = matmul([1, 2], merge(1, 0, abs(entries(2*pair - 1:2*pair, :)) > 0.0_wp))
+         do i = 1, 3
+            operator%start(i, pair) = size(column) + 1
+            column = [column, pack([(j, j=1, size(sharing))], sharing == i)]
+         end do
+      end do
+      operator%start(:, pair) = size(column) + 1
+      allocate (operator%value(2, size(column)), operator%place(size(column), 0:1))
+      do pair = 1, operator%n_pairs
+         associate (a => operator%start(1, pair), b => operator%start(1, pair + 1) - 1)
+            operator%value(:, a:b) = entries(2*pair - 1:2*pair, column(a:b))
+         end associate
+      end do
+      associate (of => min((column - 1)/n, 2))
          do turn = 0, 1
-            operator%place(:, turn) = first(1 + of, turn) + entries%column - operator%n_rows*of
+            operator%place(:, turn) = first(1 + of, turn) + column - n*of
          end do
       end associate
    end function new_power_operator
 
-   !> Finds x_(k+2) = (f_k - K^ x_k - (k + 1) C^ x_(k+1))/((k + 1)(k + 2)) of the dofs.
+   !> Finds x_(k+2) = (f_k - K^ x_k - (k + 1) C^ x_(k+1))/((k + 1)(k + 2)) of the dofs. Where they
+   !> are odd in number, the row after the last is of no account.
    pure subroutine next_power(operator, turn, stiffness, pull, x)
       type(power_operator), intent(in) :: operator
       integer, intent(in) :: turn   !! 0 or 1: places of powers 0 and 1
       real(wp), intent(in), dimension(width, *) :: stiffness, pull   !! (.., row)
       real(wp), intent(inout) :: x(width, *)                         !! (.., place)
-      real(wp) :: force(width), scale
-      integer :: e, from, i, j, l, to
+      real(wp) :: a(width), b(width), scale
+      integer :: e, from, i, j, l, pair, to
 
       scale = operator%scale
-      do i = 1, operator%n_rows
+      do pair = 1, operator%n_pairs
+         i = 2*pair - 1
          from = operator%from(turn) + i
          to = operator%to + i
          do l = 1, width
-            force(l) = stiffness(l, i)*x(l, from)
+            a(l) = stiffness(l, i)*x(l, from)
+            b(l) = stiffness(l, i + 1)*x(l, from + 1)
          end do
          if (operator%pulls) then
             do l = 1, width
-               force(l) = force(l) - pull(l, i)
+               a(l) = a(l) - pull(l, i)
+               b(l) = b(l) - pull(l, i + 1)
             end do
          end if
-         do e = operator%start(i), operator%start(i + 1) - 1
+         do e = operator%start(1, pair), operator%start(2, pair) - 1
             j = operator%place(e, turn)
             do l = 1, width
-               force(l) = force(l) + operator%value(e)*x(l, j)
+               a(l) = a(l) + operator%value(1, e)*x(l, j)
+            end do
+         end do
+         do e = operator%start(2, pair), operator%start(3, pair) - 1
+            j = operator%place(e, turn)
+            do l = 1, width
+               b(l) = b(l) + operator%value(2, e)*x(l, j)
+            end do
+         end do
+         do e = operator%start(3, pair), operator%start(1, pair + 1) - 1
+            j = operator%place(e, turn)
+            do l = 1, width
+               a(l) = a(l) + operator%value(1, e)*x(l, j)
+               b(l) = b(l) + operator%value(2, e)*x(l, j)
             end do
          end do
          do l = 1, width
-            x(l, to) = scale*force(l)
+            x(l, to) = scale*a(l)
+            x(l, to + 1) = scale*b(l)
          end do
       end do
    end subroutine next_power

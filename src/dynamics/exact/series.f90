@@ -47,7 +47,7 @@ contains
       work = 3.5_wp*self%degree*self%n_rows + (self%degree - 1.0_wp)* &   ! guards; diagonal, links
              (2*self%n_dof + 2*size(self%links%value))
       do k = 0, self%degree - 2
-         work = work + size(self%operators(k)%value)
+         work = work + self%operators(k)%n_multiplications
       end do
    end function work
 
@@ -58,7 +58,7 @@ contains
       integer, intent(in) :: parts        !! of a step
       real(wp), intent(in) :: tolerance
       type(series_type), intent(out) :: series
-      real(wp) :: error          ! of one part, half the tolerance after its memory
+      real(wp) :: error          ! of one part, the tolerance after its memory
       real(wp) :: motion, load   ! x_(k+1) over x_1 in free motion; over x_2 of a load from rest
       real(wp), allocatable :: damping(:, :), stiffness(:, :)   ! C^, K^ without joints
       real(wp), allocatable :: share(:, :)   ! |C^_ij| relative to the motion of dof i
@@ -76,7 +76,7 @@ contains
       stiffness = without_diagonal(stiffness)
       series%rate = series%h*fastest_rate(structure)
       stuck = structure%stuck_stiffness([(.true., k=1, structure%n_joints)])
-      error = 0.5_wp*tolerance/(parts*memory*max(count_levels(stuck, series%loaded), 5))
+      error = tolerance/(parts*memory*max(count_levels(stuck, series%loaded), 5))
       series%degree = degree_for(series%rate, error)
       allocate (series%operators(0:series%degree - 2))
       allocate (share, source=abs(damping))   ! not by =, which would read bounds
@@ -87,7 +87,7 @@ contains
          if (k > 0) motion = motion*series%rate/(k + 1)
          if (k == 2) load = load/3.0_wp
          if (k > 2) load = load*series%rate/(k + 1)
-         associate (least => min(5.0_wp*error/motion, 0.5_wp*tolerance/load))
+         associate (least => min(2.5_wp*error/motion, 0.5_wp*tolerance/load))
             series%operators(k) = new_power_operator( &
                                   k, series%degree, series%n_rows, stiffness, &
                                   merge(damping, 0.0_wp, share > least), series%load)
