@@ -24,6 +24,7 @@ module process_positive_first_order
    real(wp), parameter :: matched = 1.0e-10_wp              !! relative, of the length
    real(wp), parameter :: ratio_matched = 1.0e-9_wp         !! relative
    real(wp), parameter :: always_below = 0.447_wp           !! the limits of std/mean: 1/sqrt(5)
+   real(wp), parameter :: farthest = 60.0_wp                !! minus it is as good as -infinity
    integer, parameter :: max_steps = 80
 
    !> Processes of one wanted length on one branch. K(m) >= 0: the outer parameter is mu over the
@@ -86,7 +87,7 @@ contains
       type(family_type) :: family
       type(root_search) :: search
       type(error_type), allocatable :: unmatched
-      real(wp) :: excess, inner, mu, sigma
+      real(wp) :: excess, inner, mu, reached, sigma, unresolved
       integer :: step
 
       call begin_family(request, is_alternating, family, error)
@@ -102,20 +103,26 @@ contains
          inner = log(family%length)
       end if
       search%step = merge(0.5_wp, 0.1_wp, is_alternating)
+      reached = 0.0_wp
+      unresolved = 1.0_wp   ! alternating processes that nodes do not resolve are nearly Gaussian
       do step = 1, max_steps
          call match_length(family, inner, law, unmatched)
          if (allocated(unmatched) .and. .not. is_alternating) then
             call move_alloc(unmatched, error)
             return
          end if
-         excess = 1.0_wp   ! where nodes do not resolve an alternating process it is nearly Gaussian
-         if (.not. allocated(unmatched)) excess = log(request%std*law%mean/(request%mean*law%std))
+         excess = unresolved
+         if (.not. allocated(unmatched)) then
+            reached = law%std/law%mean
+            excess = log(request%std/(request%mean*reached))
+            unresolved = -1.0_wp   ! or, beyond those that they resolve, alternate too strongly
+         end if
          if (abs(excess) <= ratio_matched) return
          call search%advance(family%outer, excess)
-         if (abs(family%outer) > 1.0e3_wp) exit
+         if (abs(family%outer) > farthest) exit
       end do
-      call raise(error, exit_no_solution, positive_name(request)//': the search ended '// &
-                 to_text(excess)//' (relative) from std/mean')
+      call raise(error, exit_no_solution, positive_name(request)// &
+                 ': the search ended at std/mean = '//stated(reached))
    end subroutine match_branch
 
    !> Finds the largest std/mean of a branch at the request's length, where the outer parameter is
@@ -126,7 +133,6 @@ contains
       logical, intent(in) :: is_alternating
       real(wp), intent(out) :: limit
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: farthest = 60.0_wp
       real(wp), parameter :: strongest = log(1.0e6_wp)   ! ln (-r/field^2) that the nodes resolve
       type(family_type) :: family
       type(first_order_law) :: law
@@ -182,7 +188,7 @@ contains
       real(wp) :: value
 
       value = parameter
-      if (parameter < 0.0_wp) value = 1.0_wp - exp(min(-parameter, 60.0_wp))
+      if (parameter < 0.0_wp) value = 1.0_wp - exp(min(-parameter, farthest))
    end function stretched
 
    !> Finds the member of a family that has its length.
@@ -191,7 +197,7 @@ contains
       real(wp), intent(inout) :: inner         !! a guess; then that of the law
       type(first_order_law), intent(out) :: law
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: farthest = 200.0_wp
+      real(wp), parameter :: widest = 200.0_wp
       type(root_search) :: search
       real(wp) :: excess, last, length, trial
       integer :: step
@@ -211,7 +217,7 @@ contains
             inner = last
             return
          end if
-         if (abs(trial) > farthest) exit
+         if (abs(trial) > widest) exit
       end do
       call raise(error, exit_no_solution, 'positive process of order 1: the search ended '// &
                  to_text(excess)//' (relative) from '//family%correlation//' = '// &

@@ -22,7 +22,8 @@ contains
    !>
    !> Beside the process x runs its linear companion y, driven by the part of x that the past does
    !> not foretell, scaled to unit variance: the second moments of y are exactly those of its
-   !> coefficients, whatever the law of x, and its noise is almost that of x.
+   !> coefficients, whatever the law of x, and its noise is almost that of x. Where x grows without
+   !> bound all sums are 0: no process is there.
    subroutine sample_sequential(a, offset, companion, centre, n_burn_in, n_steps, stream, batches)
       real(wp), intent(in) :: a(:)           !! a_q, Eq. (39)
       real(wp), intent(in) :: offset         !! conditional mean after zeros: mu (1 + sum a_q)/b0
@@ -32,36 +33,39 @@ contains
       integer, intent(in) :: n_steps         !! of a batch; rounded up to whole blocks
       type(stream_type), intent(inout) :: stream
       type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
+      real(wp), parameter :: far = 1.0e6_wp   ! of the mean: beyond, values grow without bound
       real(wp), allocatable :: d(:, :), y(:, :), sums(:, :, :)
       real(wp) :: acceptance(lanes, n_acceptance_sums)
-      integer :: block, first, history, last, n_blocks, stretch
+      integer :: block, first, history, last, n, stretch
 
       history = max(batches%n_lags, size(a))
-      n_blocks = (n_steps + block_steps - 1)/block_steps
       allocate (d(lanes, 1 - history:block_steps), y(lanes, 1 - history:block_steps), &
                 sums(lanes, -1:batches%n_single + 2, 2))
       batches%centre = centre
-      acceptance = 0.0_wp
       d = 0.0_wp
       y = 0.0_wp
-      do block = 1, (n_burn_in + block_steps - 1)/block_steps
-         call march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
-      end do
-      do stretch = 1, size(batches%acceptance, 2)/lanes
+      do stretch = 0, size(batches%acceptance, 2)/lanes   ! 0: the burn-in
          sums = 0.0_wp
          acceptance = 0.0_wp
-         do block = 1, n_blocks
+         do block = 1, (merge(n_steps, n_burn_in, stretch > 0) + block_steps - 1)/block_steps
             call march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
+            if (any(d(:, block_steps) > far*centre)) then
+               batches%x = 0.0_wp
+               return
+            end if
+            if (stretch == 0) cycle
             call add_products(history, block_steps, batches%n_single, batches%n_lags, d, &
                               sums(:, :, 1))
             call add_products(history, block_steps, batches%n_single, batches%n_lags, y, &
                               sums(:, :, 2))
          end do
+         if (stretch == 0) cycle
+         n = (block - 1)*block_steps
          first = (stretch - 1)*lanes + 1
          last = stretch*lanes
-         batches%x(:, first:last) = transpose(sums(:, :, 1))/(n_blocks*block_steps)
-         batches%y(:, first:last) = transpose(sums(:, :, 2))/(n_blocks*block_steps)
-         batches%acceptance(:, first:last) = transpose(acceptance)/(n_blocks*block_steps)
+         batches%x(:, first:last) = transpose(sums(:, :, 1))/n
+         batches%y(:, first:last) = transpose(sums(:, :, 2))/n
+         batches%acceptance(:, first:last) = transpose(acceptance)/n
       end do
    end subroutine sample_sequential
 
