@@ -130,7 +130,7 @@ contains
                           estimates, error)
       if (allocated(error) .or. .not. output%world%is_root()) return
       do k = 1, size(numbers)
-         call write_estimates(groups(numbers(k)), plan, statistics(numbers(k)), &
+         call write_estimates(groups(numbers(k)), statistics(numbers(k)), &
                               estimates(numbers(k)), error)
          if (allocated(error)) return
       end do

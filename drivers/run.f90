@@ -212,11 +212,7 @@ contains
                             + count(output%is_finished))
          associate (ranges => claims(item)%ranges)
             if (.not. output%take(ranges(1))) cycle
-            if (size(ranges) > 1) then
-               call march_together(models, ranges, runner, output%store, is_abandoned, error)
-            else
-               call march_range(models, ranges(1), runner, output%store, is_abandoned, error)
-            end if
+            call march_claim(models, ranges, runner, output%store, is_abandoned, error)
             if (.not. allocated(error)) call output%lock%keep(error)
             call output%give_back(ranges(1))
          end associate
@@ -225,38 +221,11 @@ contains
       call progress%finish()
    end subroutine march_campaign
 
-   !> Marches samples of several cases as one block. Those of each case become a shard.
-   subroutine march_together(models, ranges, runner, store, is_abandoned, error)
+   !> Marches the samples of a claim block by block: a range, or several side by side in one block.
+   !> They become shards when the last one is finished, a minute has passed, or too much is held.
+   subroutine march_claim(models, ranges, runner, store, is_abandoned, error)
       type(process_model_type), intent(in) :: models(:)
       type(block_range), intent(in) :: ranges(:)
-      type(runner_type), intent(inout) :: runner
-      type(shard_store), intent(in) :: store
-      logical, intent(out) :: is_abandoned
-      type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: finished(1)
-      real(wp), allocatable :: friction(:, :)
-      integer :: i
-
-      call draw_friction(runner%plan, models, ranges, friction)
-      call run_block(runner, ranges(1)%case_number, friction, ranges(1)%first, time_to_stop, &
-                     finished(1), is_abandoned, error)
-      if (allocated(error) .or. is_abandoned) return
-      finished%n_samples = 0
-      do i = 1, size(ranges)
-         finished%before = finished%before + finished%n_samples
-         finished%case_number = ranges(i)%case_number
-         finished%first_sample = ranges(i)%first
-         finished%n_samples = ranges(i)%last - ranges(i)%first + 1
-         call write_shard(store, finished, error)
-         if (allocated(error)) return
-      end do
-   end subroutine march_together
-
-   !> Marches the blocks of a range one after the other. They become a shard when the last one is
-   !> finished, a minute has passed, or too much is held.
-   subroutine march_range(models, range, runner, store, is_abandoned, error)
-      type(process_model_type), intent(in) :: models(:)
-      type(block_range), intent(in) :: range
       type(runner_type), intent(inout) :: runner
       type(shard_store), intent(in) :: store
       logical, intent(out) :: is_abandoned
@@ -265,36 +234,57 @@ contains
       integer(long), parameter :: most = 2_long**26   ! bytes that are held
       type(block_result), allocatable :: finished(:)
       type(error_type), allocatable :: own_error
-      type(block_range) :: block
+      type(block_range) :: block(size(ranges))   ! of each range a part
       real(wp), allocatable :: friction(:, :)
       real(wp) :: began
       integer :: n, width
 
       width = block_width(runner%plan)
-      allocate (finished((range%last - range%first)/width + 1))
+      allocate (finished((ranges(1)%last - ranges(1)%first)/width + 1))
       is_abandoned = .false.
       began = seconds_so_far()
       n = 0
-      block = range
-      do while (block%first <= range%last)
-         block%last = min(block%first + width - 1, range%last)
-         call draw_friction(runner%plan, models, [block], friction)
-         call run_block(runner, block%case_number, friction, block%first, time_to_stop, &
+      block = ranges
+      do while (block(1)%first <= ranges(1)%last)
+         block%last = min(block%first + width - 1, ranges%last)
+         call draw_friction(runner%plan, models, block, friction)
+         call run_block(runner, block(1)%case_number, friction, block(1)%first, time_to_stop, &
                         finished(n + 1), is_abandoned, error)
          if (allocated(error) .or. is_abandoned) exit
          n = n + 1
          if (seconds_so_far() - began > longest .or. &
              sum(memory_of_block(finished(:n))) > most) then
-            call write_shard(store, finished(:n), error)
+            call keep_blocks(store, ranges, finished(:n), error)
             if (allocated(error)) return
             began = seconds_so_far()
             n = 0
          end if
          block%first = block%last + 1
       end do
-      if (n > 0) call write_shard(store, finished(:n), own_error)
+      if (n > 0) call keep_blocks(store, ranges, finished(:n), own_error)
       if (.not. allocated(error)) call move_alloc(own_error, error)
-   end subroutine march_range
+   end subroutine march_claim
+
+   !> Writes consecutive blocks of a range as one shard, or of a block of several ranges a shard for
+   !> each.
+   subroutine keep_blocks(store, ranges, blocks, error)
+      type(shard_store), intent(in) :: store
+      type(block_range), intent(in) :: ranges(:)
+      type(block_result), intent(inout) :: blocks(:)
+      type(error_type), allocatable, intent(out) :: error
+      integer :: i
+
+      do i = 1, size(ranges)
+         if (size(ranges) > 1) then
+            blocks%case_number = ranges(i)%case_number
+            blocks%first_sample = ranges(i)%first
+            blocks%n_samples = ranges(i)%last - ranges(i)%first + 1
+            blocks%before = sum(ranges(:i - 1)%last - ranges(:i - 1)%first + 1)
+         end if
+         call write_shard(store, blocks, error)
+         if (allocated(error)) return
+      end do
+   end subroutine keep_blocks
 
    !> Samples done at a claim: those of the claims before, without what other ranks still march.
    pure function samples_before(claims, item, n_ranks) result(n)

@@ -198,8 +198,10 @@ contains
             if (output%history) v = v(:, march%dofs, :)
          end if
          if (output%history) then
-            result%displacement(:, from + 1:to, :) = by_dof(x)
-            result%velocity(:, from + 1:to, :) = by_dof(v)
+            result%displacement(:, from + 1:to, :) = &
+               reshape(x, [size(x, 2), n, size(x, 3)], order=[2, 1, 3])
+            result%velocity(:, from + 1:to, :) = &
+               reshape(v, [size(v, 2), n, size(v, 3)], order=[2, 1, 3])
          end if
          if (output%spectrum .and. march%is_measuring) call listen(runner, from, every, x)
       end associate
@@ -287,17 +289,6 @@ contains
       end do
    end subroutine follow_joints
 
-   !> (record, dof, sample) as (dof, record, sample)
-   pure function by_dof(x) result(swapped)
-      real(wp), intent(in) :: x(:, :, :)
-      real(wp) :: swapped(size(x, 2), size(x, 1), size(x, 3))
-      integer :: i
-
-      do i = 1, size(x, 1)
-         swapped(:, i, :) = x(i, :, :)
-      end do
-   end function by_dof
-
    !> Forms the block's result from the state at the end of the march.
    subroutine collect(runner, march, result)
       type(runner_type), intent(inout) :: runner
@@ -334,16 +325,15 @@ contains
       type(block_result), intent(inout) :: result
       real(wp), allocatable :: power(:, :, :)   ! (batch, range, series)
       real(wp), allocatable :: psd(:, :)        ! (frequency, series)
-      integer :: n_dof, n_series
 
-      n_dof = size(march%dofs)
-      n_series = n_dof*result%n_samples
-      allocate (psd(size(runner%layout%frequency), n_series))
-      call runner%spectra%finish(psd)
-      result%psd = by_sample(psd, n_dof)
-      if (.not. runner%layout%follows_power .or. march%is_audit) return
-      power = runner%spectra%power_series()
-      result%power_series = by_sample(reshape(power, [size(power)/n_series, n_series]), n_dof)
+      associate (n_dof => size(march%dofs), n => result%n_samples)
+         allocate (psd(size(runner%layout%frequency), n_dof*n))
+         call runner%spectra%finish(psd)
+         result%psd = reshape(psd, [n_dof, size(psd, 1), n], order=[2, 1, 3])
+         if (.not. runner%layout%follows_power .or. march%is_audit) return
+         power = runner%spectra%power_series()
+         result%power_series = reshape(power, [n_dof, size(power)/(n_dof*n), n], order=[2, 1, 3])
+      end associate
    end subroutine collect_spectra
 
    !> Refuses results whose squares would overflow, or that have overflown.
@@ -359,19 +349,5 @@ contains
                                       to_text(result%case_number)//': spectra or slip beyond '// &
                                       '1e150: scale the units of the scene')
    end subroutine check_range
-
-   !> (place, dof and sample as one index) as (dof, place, sample)
-   pure function by_sample(values, n_dof) result(swapped)
-      real(wp), intent(in) :: values(:, :)
-      integer, intent(in) :: n_dof
-      real(wp) :: swapped(n_dof, size(values, 1), size(values, 2)/n_dof)
-      integer :: dof, w
-
-      do w = 1, size(swapped, 3)
-         do dof = 1, n_dof
-            swapped(dof, :, w) = values(:, (w - 1)*n_dof + dof)
-         end do
-      end do
-   end function by_sample
 
 end module campaign_sample

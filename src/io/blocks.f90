@@ -2,7 +2,7 @@
 !> shard, the results file and the way back from either walk this list: a visitor writes them into a
 !> file of their own, reads them, or puts them among those of all samples.
 module io_blocks
-   use campaign_plan, only: kept_dofs, plan_type
+   use campaign_plan, only: plan_type
    use campaign_results, only: block_result
    use core_chunks, only: frequencies_together
    use core_error, only: error_type
@@ -11,7 +11,7 @@ module io_blocks
    use io_hdf5, only: allocate_for, hdf5_file, label_type, make_dataset, move_rows, read_extent
    implicit none(type, external)
    private
-   public :: kept_axis, put_long, put_short, read_block, write_blocks
+   public :: put_long, put_short, read_block, write_blocks
 
    integer, parameter :: writes = 1, reads = 2, puts = 3   !! what a visitor does
 
@@ -19,7 +19,6 @@ module io_blocks
    type :: dataset_visitor
       integer :: deed = writes
       type(group_type) :: group            !! where the datasets are or come to be
-      character(:), allocatable :: dof     !! the axis of the dofs whose spectra are kept
       integer :: before = 0                !! rows of the file before those concerned
       integer :: place = 0                 !! rows of the block before those concerned
       integer :: n = 0                     !! rows concerned: samples, at last transitions
@@ -120,7 +119,6 @@ contains
 
       w%deed = puts
       w%group = group
-      w%dof = kept_axis(plan)
       w%before = block%first_sample - 1
       w%n_all = plan%cases(block%case_number)%n_samples
       w%n = min(block%n_samples, w%n_all - w%before)
@@ -276,7 +274,7 @@ contains
       character(*), intent(in), optional :: kind   !! as label_type has it
       type(label_type) :: label
       character(:), allocatable :: path
-      integer :: extents(rank(values)), last
+      integer :: extents(rank(values))
 
       if (allocated(self%group%error)) return
       path = self%group%at(name)
@@ -290,9 +288,7 @@ contains
          if (present(kind)) label%kind = kind
          extents = shape(values)
          if (self%deed == puts) then
-            last = index(axes, ' ', back=.true.)
-            label%axes = axes
-            if (axes(last + 1:) == 'kept') label%axes = axes(:last)//self%dof
+            label%axes = self%group%axes_named(axes)
          else if (name == 'psd') then
             label%chunk = [extents(1), frequencies_together(extents(1), extents(2)), &
                            min(extents(3), self%n_all)]
@@ -305,14 +301,5 @@ contains
          call move_rows(self%group%file, path, self%before, values, self%place, self%n, &
                         self%deed /= reads, self%group%error)
    end subroutine visit
-
-   !> The axis of the dofs whose spectra and histories are kept.
-   pure function kept_axis(plan) result(name)
-      type(plan_type), intent(in) :: plan
-      character(:), allocatable :: name
-
-      name = 'dof'
-      if (size(kept_dofs(plan)) < plan%structure%n_dof) name = 'kept_dof'
-   end function kept_axis
 
 end module io_blocks

@@ -10,7 +10,7 @@ module io_case_statistics
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: numbered
-   use io_blocks, only: kept_axis, put_short
+   use io_blocks, only: put_short
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file
    use io_results, only: case_group, finish_case, write_dofs
@@ -24,25 +24,24 @@ module io_case_statistics
 contains
 
    !> Takes the first error of all.
-   subroutine write_estimates(group, plan, plain, found, error)
+   subroutine write_estimates(group, plain, found, error)
       type(group_type), intent(inout) :: group
-      type(plan_type), intent(in) :: plan
       type(case_statistics), intent(in), target :: plain
       type(case_estimates), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
 
-      call write_statistics(group, plan, found%best, found%estimator /= 'plain')
+      call write_statistics(group, found%best, found%estimator /= 'plain')
       if (allocated(plain%band_ratio_time_error)) &
          call group%attribute('band_ratio_time_error_method', &
                               'scatter of consecutive batches of the march')
-      call write_list(group, plan, list_time_errors(plain))
+      call write_list(group, list_time_errors(plain))
       if (allocated(plain%numbers(of_slip)%mean)) then
          call group%attribute('estimator', trim(found%estimator))
          if (len(found%reason) > 0) call group%attribute('plain_reason', found%reason)
       end if
       if (found%estimator /= 'plain') then
          call write_sensitivities(group, found)
-         call write_beside(group, plan, plain, found)
+         call write_beside(group, plain, found)
       end if
       call group%take_error(error)
    end subroutine write_estimates
@@ -62,9 +61,8 @@ contains
 
    !> Writes the groups `plain` (plain estimates) and `error_ratio`, and the attributes that say
    !> what each best estimate gains.
-   subroutine write_beside(group, plan, plain, found)
+   subroutine write_beside(group, plain, found)
       type(group_type), intent(inout) :: group
-      type(plan_type), intent(in) :: plan
       type(case_statistics), intent(in) :: plain
       type(case_estimates), intent(in), target :: found
       type(group_type) :: beside
@@ -72,13 +70,14 @@ contains
       integer :: i
 
       if (allocated(group%error)) return
-      beside = new_group(group%file, group%path//'/plain')
-      call write_statistics(beside, plan, plain, .false.)
+      beside = group
+      call beside%go_to(group%path//'/plain')
+      call write_statistics(beside, plain, .false.)
       call beside%go_to(group%path//'/error_ratio')
       ratios = list_statistics(found%error_ratio)
       ratios%units = '1'
       ratios%about = 'standard error of plain sampling over that of the estimate'
-      call write_list(beside, plan, ratios)
+      call write_list(beside, ratios)
       call beside%take_error(group%error)
       do i = 1, size(ratios)
          call note_gain(group, found, trim(ratios(i)%name), &
@@ -86,28 +85,24 @@ contains
       end do
    end subroutine write_beside
 
-   subroutine write_statistics(group, plan, statistics, is_regression)
+   subroutine write_statistics(group, statistics, is_regression)
       type(group_type), intent(inout) :: group
-      type(plan_type), intent(in) :: plan
       type(case_statistics), intent(in), target :: statistics
       logical, intent(in) :: is_regression
 
       if (.not. allocated(statistics%numbers(of_slip)%mean)) return
       call write_methods(group, is_regression, allocated(statistics%psd_mean))
-      call write_list(group, plan, list_statistics(statistics))
+      call write_list(group, list_statistics(statistics))
    end subroutine write_statistics
 
-   subroutine write_list(group, plan, list)
+   subroutine write_list(group, list)
       type(group_type), intent(inout) :: group
-      type(plan_type), intent(in) :: plan
       type(listed_statistic), intent(in) :: list(:)
       character(:), allocatable :: axes
-      integer :: i, last
+      integer :: i
 
       do i = 1, size(list)
          axes = trim(list(i)%axes)
-         last = index(axes, ' ', back=.true.)
-         if (axes(last + 1:) == 'kept') axes = axes(:last)//kept_axis(plan)
          associate (s => list(i))
             select case (s%n_axes)
             case (1)
@@ -207,7 +202,7 @@ contains
          call group%put('frequency', layout%frequency, 'Hz', 'frequency', 'frequency')
          call group%put('percentile', plan%output%percentiles, '%', 'percentile over samples', &
                         'percentile')
-         call write_spectrum_errors(group, kept_axis(plan), errors)
+         call write_spectrum_errors(group, errors)
       end if
       call finish_case(group, plan, number, stored, error)
    end subroutine write_audit
@@ -230,26 +225,25 @@ contains
    end subroutine write_slip_errors
 
    !> Writes the relative differences of spectra, integrated over frequency.
-   subroutine write_spectrum_errors(group, dof, errors)
+   subroutine write_spectrum_errors(group, errors)
       type(group_type), intent(inout) :: group
-      character(*), intent(in) :: dof   !! the axis
       type(numerical_error), intent(in) :: errors
       integer :: p
 
       call group%attribute('band_ratio', band_ratio_error(errors))
       call put_difference(group, 'psd_mean_difference', errors%psd_mean, '1', 'numerical error '// &
-                          'of psd_mean, relative: integral of its absolute value', dof)
+                          'of psd_mean, relative: integral of its absolute value', 'kept')
       call put_difference(group, 'band_ratio_difference', errors%band_ratio, '1', &
-                          'numerical error of band_ratio, relative', dof)
+                          'numerical error of band_ratio, relative', 'kept')
       if (.not. allocated(errors%psd_percentiles)) return
       associate (of => errors%psd_percentiles, n_dof => size(errors%psd_mean%value))
          call group%put('psd_percentiles_difference', &
                         reshape([(of(p)%value, p=1, size(of))], [n_dof, size(of)]), '1', &
                         'numerical error of psd_percentiles, relative: integral of its '// &
-                        'absolute value', 'percentile '//dof)
+                        'absolute value', 'percentile kept')
          call group%put('psd_percentiles_difference_error', &
                         reshape([(of(p)%error, p=1, size(of))], [n_dof, size(of)]), '1', &
-                        'standard error of psd_percentiles_difference', 'percentile '//dof)
+                        'standard error of psd_percentiles_difference', 'percentile kept')
       end associate
    end subroutine write_spectrum_errors
 

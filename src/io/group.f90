@@ -10,9 +10,11 @@ module io_group
    !> A group with its datasets.
    type, extends(hdf5_object) :: group_type
       character(24), private :: axis = ''   !! of the columns of a table
+      character(8) :: kept_axis = 'dof'     !! stands for 'kept': dofs whose spectra are kept
    contains
       generic :: put => put_reals, put_integers
       procedure :: at
+      procedure :: axes_named
       procedure :: has
       procedure :: get
       procedure :: get_number
@@ -55,6 +57,18 @@ contains
       if (self%path == '/') path = '/'//name
    end function at
 
+   !> The axes as they are called in this group.
+   pure function axes_named(self, axes) result(names)
+      class(group_type), intent(in) :: self
+      character(*), intent(in) :: axes   !! the last one may be 'kept'
+      character(:), allocatable :: names
+      integer :: last
+
+      last = index(axes, ' ', back=.true.)
+      names = axes
+      if (axes(last + 1:) == 'kept') names = axes(:last)//trim(self%kept_axis)
+   end function axes_named
+
    !> True if there is a member of this name.
    logical function has(self, name)
       class(group_type), intent(in) :: self
@@ -84,7 +98,7 @@ contains
       if (.not. present(values) .or. allocated(self%error)) return
       label = label_type(units, long_name)
       label%axes = trim(self%axis)
-      if (present(axes)) label%axes = axes
+      if (present(axes)) label%axes = self%axes_named(axes)
       if (present(kind)) label%kind = kind
       call write_dataset(self%file, self%at(name), values, label, self%error)
    end subroutine put_reals

@@ -8,7 +8,7 @@ module io_results
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: numbered
-   use io_blocks, only: kept_axis, put_long
+   use io_blocks, only: put_long
    use io_contents, only: check_contents, note_contents
    use io_files, only: folder_of, sync_file
    use io_group, only: group_type, new_group
@@ -186,13 +186,13 @@ contains
    subroutine write_dofs(group, plan)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
-      character(:), allocatable :: kept
 
       call group%put_axis('dof', plan%structure%n_dof, about_dofs)
       call group%put_axis('joint', plan%structure%n_joints, about_joints)
-      kept = kept_axis(plan)
-      if (kept /= 'dof') call group%put(kept, kept_dofs(plan), '1', &
-                                        'dof whose spectra and histories are kept', kept)
+      if (size(kept_dofs(plan)) == plan%structure%n_dof) return
+      group%kept_axis = 'kept_dof'
+      call group%put('kept_dof', kept_dofs(plan), '1', &
+                     'dof whose spectra and histories are kept', 'kept_dof')
    end subroutine write_dofs
 
    subroutine write_attributes(group, plan, number)

@@ -294,7 +294,7 @@ contains
          if (allocated(error)) exit
          estimates%best = made_statistics()
          estimates%reason = ''
-         call write_estimates(group, plan, estimates%best, estimates, error)
+         call write_estimates(group, estimates%best, estimates, error)
       end do
       if (.not. present(has_audit) .or. allocated(error)) return
       plan%accuracy%audit = 0.6_wp
