@@ -7,9 +7,10 @@ module driver_tradeoff_text
    use numerics_sorting, only: sort_order
    use process_model, only: process_model_type
    use tradeoff_effects, only: variant_row
-   use tradeoff_front, only: cheapest, error_components, is_random, keeps, published_error, &
-      sample_steps, setting_row, size_row, spectrum_row
+   use tradeoff_front, only: cheapest, error_components, is_random, keeps, sample_steps, &
+      setting_row, size_row, spectrum_row
    use tradeoff_settings, only: setting_dt, setting_type
+   use tradeoff_task_results, only: band_ratio, psd_mean, psd_percentiles, slip, slip_std
    use tradeoff_tasks, only: tradeoff_type
    use tradeoff_variants, only: order_row, variant_type
    implicit none(type, external)
@@ -79,8 +80,8 @@ contains
                line = line//padded('-', 9)//padded(brief(s%tolerance), 10)
             end if
          end associate
-         line = line//padded(brief(row%slip), 14)// &
-                padded(known(100*row%band_ratio, has_bands(plan)), 11)// &
+         line = line//padded(brief(row%error(slip)), 14)// &
+                padded(known(100*row%error(band_ratio), has_bands(plan)), 11)// &
                 padded(brief(row%cost), 9)// &
                 brief(1.0e-9_wp*row%cost*sample_steps(plan)/n_ranks)//line_feed
       end function line_of
@@ -143,18 +144,18 @@ contains
       type(error_components), intent(in) :: errors
       integer, intent(in) :: n_ranks
       character(:), allocatable :: text
-      real(wp) :: slip(3)
+      real(wp) :: parts(3)   !! of the error of slip
 
       text = 'error now        slip [points] its std  spectrum [%] percentiles [%]  bands [%]'// &
              line_feed//component_text(plan, 'discretisation', errors%discretisation)// &
              component_text(plan, 'time average', errors%time)
       if (is_random(plan)) text = text//component_text(plan, 'Monte Carlo', errors%samples)
-      slip = [errors%discretisation%slip, errors%time%slip, errors%samples%slip]
-      if (.not. maxval(slip) > 0.0_wp) then
+      parts = [errors%discretisation(slip), errors%time(slip), errors%samples(slip)]
+      if (.not. maxval(parts) > 0.0_wp) then
          text = text//labelled('largest', 'none of slip: nothing slips, or all the time')
          return
       end if
-      select case (maxloc(slip, 1))
+      select case (maxloc(parts, 1))
       case (1)
          text = text//labelled('largest', 'of slip: discretisation; to halve it: '//halved())
       case (2)
@@ -177,7 +178,7 @@ contains
          words = ''
          if (plan%excitation%per_sample .or. plan%excitation%kind == 'file') return
          if (.not. is_random(plan) .or. maxval(plan%cases%n_samples) < 4) return
-         words = 'excitation%per_sample = .true. ('//brief(slip(2)/sqrt(real( &
+         words = 'excitation%per_sample = .true. ('//brief(parts(2)/sqrt(real( &
                  maxval(plan%cases%n_samples), wp)))//' points are left), or '
       end function own_records
 
@@ -191,11 +192,11 @@ contains
       pure function halved() result(words)
          character(:), allocatable :: words
 
-         if (.not. any(keeps(rows, 0.5_wp*slip(1), 0.0_wp))) then
+         if (.not. any(keeps(rows, 0.5_wp*parts(1), 0.0_wp))) then
             words = 'no setting that was measured'
             return
          end if
-         associate (best => cheapest(rows, 0.5_wp*slip(1), 0.0_wp, by_work=.false.))
+         associate (best => cheapest(rows, 0.5_wp*parts(1), 0.0_wp, by_work=.false.))
             words = setting_text(rows(best)%setting, plan%integration%dt)//', '// &
                     run_time(plan, rows(best), n_ranks)//' instead of '//now()
          end associate
@@ -220,15 +221,15 @@ contains
    pure function component_text(plan, name, error) result(line)
       type(plan_type), intent(in) :: plan
       character(*), intent(in) :: name
-      type(published_error), intent(in) :: error
+      real(wp), intent(in) :: error(:)   !! (published number)
       character(:), allocatable :: line
 
       associate (many => maxval(plan%cases%n_samples) > 1, spectrum => plan%output%spectrum)
-         line = '  '//padded(name, 15)//padded(brief(error%slip), 14)// &
-                padded(known(error%slip_std, many), 9)// &
-                padded(known(100*error%psd_mean, spectrum), 13)// &
-                padded(known(100*error%psd_percentiles, spectrum .and. many), 17)// &
-                known(100*error%band_ratio, spectrum .and. many)//line_feed
+         line = '  '//padded(name, 15)//padded(brief(error(slip)), 14)// &
+                padded(known(error(slip_std), many), 9)// &
+                padded(known(100*error(psd_mean), spectrum), 13)// &
+                padded(known(100*error(psd_percentiles), spectrum .and. many), 17)// &
+                known(100*error(band_ratio), spectrum .and. many)//line_feed
       end associate
    end function component_text
 
@@ -272,9 +273,10 @@ contains
       do i = 1, size(rows)
          many = rows(i)%n_samples > 1
          text = text//'  '//padded(to_text(rows(i)%n_samples), 9)// &
-                padded(to_text(rows(i)%n_steps), 11)//padded(brief(rows(i)%slip_mean), 20)// &
-                padded(known(rows(i)%slip_std, many), 13)// &
-                padded(known(100*rows(i)%band_ratio, many .and. plan%output%spectrum), 11)// &
+                padded(to_text(rows(i)%n_steps), 11)//padded(brief(rows(i)%error(slip)), 20)// &
+                padded(known(rows(i)%error(slip_std), many), 13)// &
+                padded(known(100*rows(i)%error(band_ratio), &
+                             many .and. plan%output%spectrum), 11)// &
                 brief(rows(i)%seconds/n_ranks)//line_feed
       end do
    end function sizes_text

@@ -24,7 +24,7 @@ module driver_trial_runs
    use tradeoff_marches, only: run_task
    use tradeoff_pilot, only: choose_every
    use tradeoff_settings, only: use_setting
-   use tradeoff_task_results, only: published_numbers, task_result
+   use tradeoff_task_results, only: band_ratio, slip
    use tradeoff_tasks, only: new_tradeoff, scope_type, tradeoff_type
    implicit none(type, external)
    private
@@ -94,47 +94,19 @@ contains
       call progress%finish()
       do i = 1, n
          owner(i) = world%maximum(owner(i))
-         if (owner(i) >= 0) call share_result(world, owner(i), tradeoff%found(i))
+         if (owner(i) < 0) cycle
+         associate (found => tradeoff%found(i))
+            call world%broadcast(found%cost, owner(i))
+            call world%broadcast(found%n_samples, owner(i))
+            call world%broadcast(found%errors, owner(i))
+            call world%broadcast(found%value, owner(i))
+            call world%broadcast(found%plain_error, owner(i))
+            call world%broadcast(found%gain, owner(i))
+            call world%broadcast(found%slip_fraction, owner(i))
+            call world%broadcast(found%ratio_without, owner(i))
+         end associate
       end do
    end subroutine share_tasks
-
-   !> Hands a result of one rank to all; collective.
-   subroutine share_result(world, owner, found)
-      type(world_type), intent(in) :: world
-      integer, intent(in) :: owner
-      type(task_result), intent(inout) :: found
-
-      call world%broadcast(found%cost, owner)
-      call world%broadcast(found%n_samples, owner)
-      associate (errors => found%errors)
-         call world%broadcast(errors%slip, owner)
-         call world%broadcast(errors%slip_error, owner)
-         call world%broadcast(errors%slip_mean, owner)
-         call world%broadcast(errors%slip_std, owner)
-         call world%broadcast(errors%psd_mean, owner)
-         call world%broadcast(errors%psd_percentiles, owner)
-         call world%broadcast(errors%band_ratio, owner)
-         call world%broadcast(errors%band_ratio_error, owner)
-      end associate
-      call share_published(found%value)
-      call share_published(found%plain_error)
-      call share_published(found%gain)
-      call world%broadcast(found%slip_fraction, owner)
-      call world%broadcast(found%ratio_without, owner)
-
-   contains
-
-      subroutine share_published(of)
-         type(published_numbers), intent(inout) :: of
-
-         call world%broadcast(of%slip, owner)
-         call world%broadcast(of%slip_std, owner)
-         call world%broadcast(of%band_ratio, owner)
-         call world%broadcast(of%psd_mean, owner)
-         call world%broadcast(of%psd_percentiles, owner)
-      end subroutine share_published
-
-   end subroutine share_result
 
    !> Replaces the scene's setting where the scene has a target of numerical error; ends the run
    !> where none keeps it, or where it is asked to stop. Collective.
@@ -182,10 +154,10 @@ contains
 
       if (.not. keeps(nearest, points, 0.0_wp)) then
          target = 'accuracy%target_slip_points = '//to_text(points)
-         reached = brief(nearest%slip + 2*nearest%slip_error)//' points'
+         reached = brief(nearest%surely(slip))//' points'
       else
          target = 'accuracy%target_band_ratio = '//to_text(ratio)
-         reached = brief(nearest%band_ratio + 2*nearest%band_ratio_error)
+         reached = brief(nearest%surely(band_ratio))
       end if
       call raise(error, exit_no_solution, target//': no setting keeps it; the nearest is '// &
                  setting_text(nearest%setting, plan%integration%dt)//' with '//reached// &
@@ -204,10 +176,10 @@ contains
       associate (points => plan%accuracy%target_slip_points, &
                  ratio => plan%accuracy%target_band_ratio)
          if (points > 0.0_wp) text = text//'slip to '//brief(points)//' points (measured '// &
-                                     brief(row%slip)//')'
+                                     brief(row%error(slip))//')'
          if (points > 0.0_wp .and. ratio > 0.0_wp) text = text//' and '
          if (ratio > 0.0_wp) text = text//'band ratios to '//brief(100*ratio)//' % (measured '// &
-                                    brief(100*row%band_ratio)//')'
+                                    brief(100*row%error(band_ratio))//')'
       end associate
    end function reason
 

@@ -6,9 +6,9 @@ module io_tradeoff_results
    use io_group, only: group_type
    use io_hdf5, only: hdf5_file
    use tradeoff_effects, only: variant_row
-   use tradeoff_front, only: error_components, published_error, sample_steps, setting_row, &
-      size_row, spectrum_row
+   use tradeoff_front, only: error_components, sample_steps, setting_row, size_row, spectrum_row
    use tradeoff_settings, only: setting_dt
+   use tradeoff_task_results, only: band_ratio, psd_mean, psd_percentiles, slip, slip_mean, slip_std
    use tradeoff_tasks, only: tradeoff_type
    use tradeoff_variants, only: order_row
    implicit none(type, external)
@@ -70,16 +70,20 @@ contains
       call group%put('work', rows%work, 'ns', 'processor time expected from counted work')
       call group%put('seconds', 1.0e-9_wp*sample_steps(plan)*rows%cost, 's', &
                      'processor time of the march of the scene')
-      call group%put('slip', rows%slip, '%', 'rms error of a slip fraction, in points')
-      call group%put('slip_error', rows%slip_error, '%', 'standard error of slip')
-      call group%put('slip_mean', rows%slip_mean, '%', 'error of the mean slip fraction, in points')
-      call group%put('slip_std', rows%slip_std, '%', &
+      call group%put('slip', rows%error(slip), '%', 'rms error of a slip fraction, in points')
+      call group%put('slip_error', 0.5_wp*(rows%surely(slip) - rows%error(slip)), '%', &
+                     'standard error of slip')
+      call group%put('slip_mean', rows%error(slip_mean), '%', &
+                     'error of the mean slip fraction, in points')
+      call group%put('slip_std', rows%error(slip_std), '%', &
                      'error of the standard deviation of slip fractions, in points')
-      call group%put('psd_mean', rows%psd_mean, '1', 'relative error of the mean spectrum')
-      call group%put('psd_percentiles', rows%psd_percentiles, '1', &
+      call group%put('psd_mean', rows%error(psd_mean), '1', 'relative error of the mean spectrum')
+      call group%put('psd_percentiles', rows%error(psd_percentiles), '1', &
                      'relative error of the percentiles of the spectrum')
-      call group%put('band_ratio', rows%band_ratio, '1', 'relative error of the band ratio')
-      call group%put('band_ratio_error', rows%band_ratio_error, '1', 'standard error of band_ratio')
+      call group%put('band_ratio', rows%error(band_ratio), '1', 'relative error of the band ratio')
+      call group%put('band_ratio_error', &
+                     0.5_wp*(rows%surely(band_ratio) - rows%error(band_ratio)), '1', &
+                     'standard error of band_ratio')
       call group%put('is_on_front', merge(1, 0, rows%is_on_front), '1', &
                      '1: nothing cheaper has a smaller error of slip')
       call group%put('is_own', merge(1, 0, rows%is_own), '1', '1: the setting of the scene')
@@ -99,16 +103,16 @@ contains
 
       subroutine put_component(name, of, what)
          character(*), intent(in) :: name, what
-         type(published_error), intent(in) :: of
+         real(wp), intent(in) :: of(:)   !! (published number)
 
-         call group%put_value(name//'_slip', of%slip, '%', what//' of mean slip fractions')
-         call group%put_value(name//'_slip_std', of%slip_std, '%', &
+         call group%put_value(name//'_slip', of(slip), '%', what//' of mean slip fractions')
+         call group%put_value(name//'_slip_std', of(slip_std), '%', &
                               what//' of their standard deviation')
-         call group%put_value(name//'_psd_mean', of%psd_mean, '1', &
+         call group%put_value(name//'_psd_mean', of(psd_mean), '1', &
                               what//' of mean spectra, relative')
-         call group%put_value(name//'_psd_percentiles', of%psd_percentiles, '1', &
+         call group%put_value(name//'_psd_percentiles', of(psd_percentiles), '1', &
                               what//' of percentiles of spectra, relative')
-         call group%put_value(name//'_ratio', of%band_ratio, '1', &
+         call group%put_value(name//'_ratio', of(band_ratio), '1', &
                               what//' of band ratios, relative')
       end subroutine put_component
 
@@ -138,10 +142,11 @@ contains
       call group%start_table('size', size(rows), 'samples and steps')
       call group%put('n_samples', rows%n_samples, '1', 'samples of the largest case')
       call group%put('n_steps', real(rows%n_steps, wp), '1', 'steps')
-      call group%put('slip_mean', rows%slip_mean, '%', &
+      call group%put('slip_mean', rows%error(slip), '%', &
                      'total error of mean slip fractions, in points')
-      call group%put('slip_std', rows%slip_std, '%', 'total error of their std, in points')
-      call group%put('band_ratio', rows%band_ratio, '1', 'total relative error of band ratios')
+      call group%put('slip_std', rows%error(slip_std), '%', 'total error of their std, in points')
+      call group%put('band_ratio', rows%error(band_ratio), '1', &
+                     'total relative error of band ratios')
       call group%put('seconds', rows%seconds, 's', 'processor time of the march')
    end subroutine write_sizes
 

@@ -15,32 +15,31 @@ module tradeoff_estimators
    use statistics_pool, only: new_pool, pool_type
    use statistics_scalars, only: estimate_scalars, scalar_type
    use statistics_spectra, only: estimate_spectrum, spectrum_type
-   use tradeoff_task_results, only: published_numbers
+   use tradeoff_task_results, only: band_ratio, psd_mean, psd_percentiles, slip, slip_std
    implicit none(type, external)
    private
-   public :: find_gains, no_gains
+   public :: find_gains
 
    integer, parameter :: enough_draws = 2**14   !! of the law
    integer, parameter :: most_looked_at = 8     !! joints or dofs; the others gain as the least
 
 contains
 
-   !> Finds the gain of each published number; those of spectra are the least of all dofs. It is 1
-   !> where there is none.
+   !> Finds the gain of each published number; those of spectra are the least of all dofs. It stays
+   !> 1 where there is none.
    subroutine find_gains(plan, model, friction, result, has_bands, gain, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: model   !! of the case
       real(wp), intent(in) :: friction(:, :)          !! (joint, sample)
       type(block_result), intent(in) :: result        !! of the same samples
       logical, intent(in) :: has_bands                !! wanted
-      type(published_numbers), intent(out) :: gain
+      real(wp), intent(inout) :: gain(:, :)           !! (joint or dof, published number)
       type(error_type), allocatable, intent(out) :: error
       type(pool_type) :: pool
       real(wp), allocatable :: draws(:, :)
       real(wp) :: n_independent
       integer, allocatable :: points(:), joints(:)
 
-      call no_gains(plan, gain)
       if (result%n_samples < fewest_samples) return
       call find_points(plan%structure, points, joints)
       call new_pool(transpose(friction(joints, :)), [1, result%n_samples + 1], &
@@ -52,21 +51,10 @@ contains
       call gains_of_bands(plan, pool, result%psd, gain, error)
    end subroutine find_gains
 
-   !> Sets the gains of plain sampling.
-   pure subroutine no_gains(plan, gain)
-      type(plan_type), intent(in) :: plan
-      type(published_numbers), intent(out) :: gain
-
-      allocate (gain%slip(plan%structure%n_joints), gain%slip_std(plan%structure%n_joints), &
-                gain%band_ratio(plan%structure%n_dof), source=1.0_wp)
-      gain%psd_mean = 1.0_wp
-      gain%psd_percentiles = 1.0_wp
-   end subroutine no_gains
-
    subroutine gains_of_slip(pool, slip_fraction, gain, error)
       type(pool_type), intent(in) :: pool
       real(wp), intent(in) :: slip_fraction(:, :)   !! (joint, sample)
-      type(published_numbers), intent(inout) :: gain
+      real(wp), intent(inout) :: gain(:, :)
       type(error_type), allocatable, intent(out) :: error
       type(scalar_type) :: plain(1, 1), estimate(1, 1)
       real(wp) :: scatter(size(slip_fraction, 1)), least(2)
@@ -85,12 +73,12 @@ contains
                                                 [size(slip_fraction, 2), 1]), &
                                   [.true.], [real(wp) ::], plain, estimate, error)
             if (allocated(error)) return
-            gain%slip(joint) = max(1.0_wp, estimate(1, 1)%mean_ratio)
-            gain%slip_std(joint) = max(1.0_wp, estimate(1, 1)%deviation_ratio)
-            least = min(least, [gain%slip(joint), gain%slip_std(joint)])
+            gain(joint, slip) = max(1.0_wp, estimate(1, 1)%mean_ratio)
+            gain(joint, slip_std) = max(1.0_wp, estimate(1, 1)%deviation_ratio)
+            least = min(least, [gain(joint, slip), gain(joint, slip_std)])
          else if (scatter(joint) > 0.0_wp) then
-            gain%slip(joint) = least(1)
-            gain%slip_std(joint) = least(2)
+            gain(joint, slip) = least(1)
+            gain(joint, slip_std) = least(2)
          end if
       end do
    end subroutine gains_of_slip
@@ -99,7 +87,7 @@ contains
       type(plan_type), intent(in) :: plan
       type(pool_type), intent(in) :: pool
       real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, sample)
-      type(published_numbers), intent(inout) :: gain
+      real(wp), intent(inout) :: gain(:, :)
       type(error_type), allocatable, intent(out) :: error
       type(spectrum_type) :: plain(1), estimate(1)
       type(estimates_type) :: some
@@ -130,7 +118,7 @@ contains
                                 plan%output%percentiles/100.0_wp, plain, estimate, error)
          if (allocated(error)) return
          associate (best => estimate(1))
-            gain%band_ratio(dof) = max(1.0_wp, best%ratio_ratio)
+            gain(dof, band_ratio) = max(1.0_wp, best%ratio_ratio)
             of_mean = min(of_mean, sum(best%mean_error*best%mean_ratio)/sum(best%mean_error))
             do p = 1, size(plan%output%percentiles)
                associate (width => best%high(:, p) - best%low(:, p))
@@ -141,10 +129,12 @@ contains
          end associate
       end do
       if (of_mean < huge(1.0_wp)) then
-         gain%psd_mean = max(1.0_wp, of_mean)
-         gain%psd_percentiles = max(1.0_wp, of_percentiles)
+         gain(:, psd_mean) = max(1.0_wp, of_mean)
+         gain(:, psd_percentiles) = max(1.0_wp, of_percentiles)
       end if
-      where (.not. is_looked_at) gain%band_ratio = minval(gain%band_ratio, mask=is_looked_at)
+      associate (of_dofs => gain(:size(psd, 1), band_ratio))
+         where (.not. is_looked_at) of_dofs = minval(of_dofs, mask=is_looked_at)
+      end associate
    end subroutine gains_of_bands
 
 end module tradeoff_estimators

@@ -2,23 +2,25 @@
 !> that no other beats in both, the cheapest for a wanted error, and the error's components.
 module tradeoff_front
    use campaign_plan, only: plan_type
-   use campaign_samples_needed, only: error_with, slip_error
+   use campaign_samples_needed, only: error_with, law_share, slip_error
    use core_kinds, only: long, wp
    use numerics_correlated, only: error_of_batches, n_batches
    use numerics_spectrum, only: error_of_density
-   use tradeoff_samples_error, only: error_of_samples, mean_slip_errors, noise_of_one
    use tradeoff_settings, only: expected_cost, setting_type
-   use tradeoff_task_results, only: published_error, setting_errors
+   use tradeoff_task_results, only: band_ratio, n_published, psd_mean, psd_percentiles, slip, &
+                                    slip_std, task_result
    use tradeoff_tasks, only: of_batch, of_samples, of_setting, of_spectrum, tradeoff_type
    implicit none(type, external)
    private
-   public :: error_components, published_error, setting_row, size_row, spectrum_row
+   public :: error_components, setting_row, size_row, spectrum_row
    public :: rows_of, size_rows_of, slip_error_to_come, spectrum_rows_of, components_of, cheapest, &
              best, is_random, keeps, sample_steps
 
    !> A setting measured.
-   type, extends(setting_errors) :: setting_row
+   type :: setting_row
       type(setting_type) :: setting
+      real(wp) :: error(n_published) = 0.0_wp    !! as task_result has them, of all levels
+      real(wp) :: surely(n_published) = 0.0_wp   !! with twice its standard error
       real(wp) :: cost = 0.0_wp               !! [ns of a processor] of a sample-step of the scene
       real(wp) :: work = 0.0_wp               !! the same as expected from counted work
       logical :: is_on_front = .false.        !! nothing cheaper has a smaller error of slip
@@ -37,18 +39,16 @@ module tradeoff_front
    type :: size_row
       integer :: n_samples = 0
       integer(long) :: n_steps = 0
-      real(wp) :: slip_mean = 0.0_wp    !! [points]
-      real(wp) :: slip_std = 0.0_wp     !! [points]
-      real(wp) :: band_ratio = 0.0_wp   !! relative
-      real(wp) :: seconds = 0.0_wp      !! of a processor
+      real(wp) :: error(n_published) = 0.0_wp   !! as task_result has them
+      real(wp) :: seconds = 0.0_wp              !! of a processor
    end type size_row
 
    !> Parts of the error that the scene has now.
    type :: error_components
-      type(published_error) :: discretisation
-      type(published_error) :: time              !! n_steps are finite
-      type(published_error) :: samples           !! n_samples are finite: of the scene's estimator
-      real(wp) :: times_to_halve = 4.0_wp        !! as many samples halve that of slip
+      real(wp) :: discretisation(n_published) = 0.0_wp
+      real(wp) :: time(n_published) = 0.0_wp      !! n_steps are finite
+      real(wp) :: samples(n_published) = 0.0_wp   !! n_samples are finite: of the scene's estimator
+      real(wp) :: times_to_halve = 4.0_wp         !! as many samples halve that of slip
    end type error_components
 
 contains
@@ -75,7 +75,8 @@ contains
          associate (task => tradeoff%tasks(i))
             if (task%kind /= of_setting) cycle
             rows(task%row)%cost = rows(task%row)%cost + share(task%level)*tradeoff%found(i)%cost
-            call keep_largest(tradeoff%found(i)%errors, rows(task%row)%setting_errors)
+            rows(task%row)%error = max(rows(task%row)%error, tradeoff%found(i)%errors(:, 1))
+            rows(task%row)%surely = max(rows(task%row)%surely, tradeoff%found(i)%errors(:, 2))
          end associate
       end do
       do i = 1, n
@@ -83,68 +84,48 @@ contains
       end do
    end function rows_of
 
-   !> Takes the larger of each error.
-   pure subroutine keep_largest(errors, largest)
-      type(setting_errors), intent(in) :: errors
-      type(setting_errors), intent(inout) :: largest
-
-      largest%slip_error = 0.5_wp*(max(largest%slip + 2*largest%slip_error, &
-                                       errors%slip + 2*errors%slip_error) &
-                                   - max(largest%slip, errors%slip))
-      largest%slip = max(largest%slip, errors%slip)
-      largest%slip_mean = max(largest%slip_mean, errors%slip_mean)
-      largest%slip_std = max(largest%slip_std, errors%slip_std)
-      largest%psd_mean = max(largest%psd_mean, errors%psd_mean)
-      largest%psd_percentiles = max(largest%psd_percentiles, errors%psd_percentiles)
-      largest%band_ratio_error = 0.5_wp*(max(largest%band_ratio + 2*largest%band_ratio_error, &
-                                             errors%band_ratio + 2*errors%band_ratio_error) &
-                                         - max(largest%band_ratio, errors%band_ratio))
-      largest%band_ratio = max(largest%band_ratio, errors%band_ratio)
-   end subroutine keep_largest
-
    !> Not worse in cost and error, and better in one of them.
    elemental logical function beats(a, b)
       type(setting_row), intent(in) :: a, b
 
-      beats = a%cost <= b%cost .and. a%slip <= b%slip .and. (a%cost < b%cost .or. a%slip < b%slip)
+      beats = a%cost <= b%cost .and. a%error(slip) <= b%error(slip) .and. &
+              (a%cost < b%cost .or. a%error(slip) < b%error(slip))
    end function beats
 
    !> The row of least cost that surely keeps the wanted errors, 0 where none does; by counted work
    !> where the choice must not depend on how busy a machine is.
-   pure function cheapest(rows, slip_points, band_ratio, by_work) result(best_row)
+   pure function cheapest(rows, slip_points, ratio, by_work) result(best_row)
       type(setting_row), intent(in) :: rows(:)
-      real(wp), intent(in) :: slip_points, band_ratio   !! 0: not wanted
+      real(wp), intent(in) :: slip_points, ratio   !! 0: not wanted
       logical, intent(in) :: by_work
       integer :: best_row
 
       if (by_work) then
-         best_row = minloc(rows%work, 1, mask=keeps(rows, slip_points, band_ratio))
+         best_row = minloc(rows%work, 1, mask=keeps(rows, slip_points, ratio))
       else
-         best_row = minloc(rows%cost, 1, mask=keeps(rows, slip_points, band_ratio))
+         best_row = minloc(rows%cost, 1, mask=keeps(rows, slip_points, ratio))
       end if
    end function cheapest
 
    !> True if the measured error plus twice its standard error is within what is wanted.
-   elemental logical function keeps(row, slip_points, band_ratio)
+   elemental logical function keeps(row, slip_points, ratio)
       type(setting_row), intent(in) :: row
-      real(wp), intent(in) :: slip_points, band_ratio   !! 0: not wanted
+      real(wp), intent(in) :: slip_points, ratio   !! 0: not wanted
 
-      keeps = (.not. slip_points > 0.0_wp .or. row%slip + 2*row%slip_error <= slip_points) .and. &
-              (.not. band_ratio > 0.0_wp .or. &
-               row%band_ratio + 2*row%band_ratio_error <= band_ratio)
+      keeps = (.not. slip_points > 0.0_wp .or. row%surely(slip) <= slip_points) .and. &
+              (.not. ratio > 0.0_wp .or. row%surely(band_ratio) <= ratio)
    end function keeps
 
    !> The row that comes nearest to what is wanted.
-   pure function best(rows, slip_points, band_ratio) result(best_row)
+   pure function best(rows, slip_points, ratio) result(best_row)
       type(setting_row), intent(in) :: rows(:)
-      real(wp), intent(in) :: slip_points, band_ratio   !! 0: not wanted
+      real(wp), intent(in) :: slip_points, ratio   !! 0: not wanted
       integer :: best_row
       real(wp) :: excess(size(rows))
 
       excess = 0.0_wp
-      if (slip_points > 0.0_wp) excess = (rows%slip + 2*rows%slip_error)/slip_points
-      if (band_ratio > 0.0_wp) &
-         excess = max(excess, (rows%band_ratio + 2*rows%band_ratio_error)/band_ratio)
+      if (slip_points > 0.0_wp) excess = rows%surely(slip)/slip_points
+      if (ratio > 0.0_wp) excess = max(excess, rows%surely(band_ratio)/ratio)
       best_row = minloc(excess, 1)
    end function best
 
@@ -162,7 +143,7 @@ contains
          associate (task => tradeoff%tasks(i), found => tradeoff%found(i))
             if (task%kind /= of_spectrum) cycle
             rows(task%row)%cost = rows(task%row)%cost + found%cost/size(ratio, 3)
-            ratio(:, task%row, task%level) = found%value%band_ratio
+            ratio(:, task%row, task%level) = found%value(:size(ratio, 1), band_ratio)
          end associate
       end do
       do i = 1, size(rows)
@@ -177,18 +158,17 @@ contains
       type(setting_row), intent(in) :: own   !! the scene's setting
       integer, intent(in) :: n_steps         !! of the scene, after those discarded
       type(error_components) :: errors
-      type(published_error) :: fewer
-      real(wp) :: few, many
+      real(wp) :: few, fewer(n_published), many
       integer :: i
 
-      errors%discretisation = own%published_error
+      errors%discretisation = own%error
       call add_time_averages(tradeoff, n_steps, errors)
-      errors%samples = error_of_samples(tradeoff, errors%time%slip, n_steps, 1.0_wp)
+      errors%samples = error_of_samples(tradeoff, errors%time(slip), n_steps, 1.0_wp)
       few = 1.0_wp
       many = 4.0_wp   ! plain sampling; no estimator falls more slowly
       do i = 1, 12
-         fewer = error_of_samples(tradeoff, errors%time%slip, n_steps, sqrt(few*many))
-         if (fewer%slip > 0.5_wp*errors%samples%slip) then
+         fewer = error_of_samples(tradeoff, errors%time(slip), n_steps, sqrt(few*many))
+         if (fewer(slip) > 0.5_wp*errors%samples(slip)) then
             few = sqrt(few*many)
          else
             many = sqrt(few*many)
@@ -220,19 +200,19 @@ contains
             associate (n_cases => tradeoff%n_cases(tradeoff%cases(tradeoff%tasks(i)%row)))
                w = tradeoff%found(i)%n_samples
                call mean_slip_errors(tradeoff%found(i), &
-                                     noise_of_one(tradeoff, errors%time%slip, n_steps), now, ratio)
+                                     noise_of_one(tradeoff, errors%time(slip), n_steps), now, ratio)
                error%samples = [error%samples, error_with(n, w, now, ratio, 0.0_wp, n_cases)]
                error%ratio = [error%ratio, now*ratio*sqrt(w/n)]   ! plain sampling's error
             end associate
          end do
          if (error%has_own_records) then   ! samples lower both
-            error%samples = hypot(error%samples, errors%time%slip)
-            error%ratio = hypot(error%ratio, errors%time%slip)
+            error%samples = hypot(error%samples, errors%time(slip))
+            error%ratio = hypot(error%ratio, errors%time(slip))
          end if
          error%ratio = max(1.0_wp, error%ratio/max(error%samples, tiny(1.0_wp)))
          error%record = 0.0_wp*error%samples
-         if (.not. error%has_own_records) error%record = error%record + errors%time%slip
-         error%own = 0.0_wp*error%samples + errors%time%slip &
+         if (.not. error%has_own_records) error%record = error%record + errors%time(slip)
+         error%own = 0.0_wp*error%samples + errors%time(slip) &
                      *merge(sqrt(n), 1.0_wp, error%has_own_records)
       end associate
    end function slip_error_to_come
@@ -243,22 +223,20 @@ contains
       type(tradeoff_type), intent(in) :: tradeoff
       integer, intent(in) :: n_steps
       type(error_components), intent(inout) :: errors
-      real(wp), allocatable :: series(:, :)   ! (mean slip, its std of joints, ratio of dofs; batch)
+      real(wp), allocatable :: series(:, :, :)   ! (joint or dof, published number, batch)
       real(wp) :: shorter
-      integer :: i, k, m, n
+      integer :: i, k, q
 
-      m = tradeoff%plan%structure%n_joints
-      n = 2*m + tradeoff%plan%structure%n_dof
-      allocate (series(n, n_batches))
-      if (tradeoff%n_segments > 0) then
-         errors%time%psd_mean = error_of_density(tradeoff%n_segments)
-         errors%time%psd_percentiles = errors%time%psd_mean
-      end if
+      associate (structure => tradeoff%plan%structure)
+         allocate (series(max(structure%n_joints, structure%n_dof), n_published, n_batches))
+      end associate
+      if (tradeoff%n_segments > 0) &
+         errors%time([psd_mean, psd_percentiles]) = error_of_density(tradeoff%n_segments)
       do k = 1, size(tradeoff%levels)
          do i = 1, size(tradeoff%tasks)
-            associate (task => tradeoff%tasks(i), value => tradeoff%found(i)%value)
+            associate (task => tradeoff%tasks(i))
                if (task%kind == of_batch .and. task%level == k) &
-                  series(:, task%row) = [value%slip, value%slip_std, value%band_ratio]
+                  series(:, :, task%row) = tradeoff%found(i)%value
             end associate
          end do
          associate (level => tradeoff%levels(k), plan => tradeoff%plan, error => errors%time)
@@ -266,18 +244,78 @@ contains
             if (plan%excitation%per_sample) &
                shorter = shorter*sqrt(real(size(level%sample), wp) &
                                       /maxval(plan%cases(level%case_number)%n_samples))
-            do i = 1, m
-               error%slip = max(error%slip, shorter*error_of_batches(series(i, :)))
-               error%slip_std = max(error%slip_std, shorter*error_of_batches(series(m + i, :)))
-            end do
-            do i = 2*m + 1, n
-               if (.not. minval(series(i, :)) > 0.0_wp) cycle
-               error%band_ratio = max(error%band_ratio, &
-                                      shorter*error_of_batches(log(series(i, :))))
+            do i = 1, size(series, 1)
+               do q = slip, slip_std
+                  error(q) = max(error(q), shorter*error_of_batches(series(i, q, :)))
+               end do
+               if (.not. minval(series(i, band_ratio, :)) > 0.0_wp) cycle
+               error(band_ratio) = max(error(band_ratio), &
+                                       shorter*error_of_batches(log(series(i, band_ratio, :))))
             end do
          end associate
       end do
    end subroutine add_time_averages
+
+   !> The component of finite samples with so many times the scene's.
+   pure function error_of_samples(tradeoff, time_slip, n_steps, times) result(error)
+      type(tradeoff_type), intent(in) :: tradeoff
+      real(wp), intent(in) :: time_slip      !! time-average error of slip
+      integer, intent(in) :: n_steps         !! of the scene, after those discarded
+      real(wp), intent(in) :: times
+      real(wp) :: error(n_published)
+      real(wp), allocatable :: now(:), ratio(:)
+      integer :: i
+
+      error = 0.0_wp
+      do i = 1, size(tradeoff%tasks)
+         if (tradeoff%tasks(i)%kind /= of_samples) cycle
+         associate (found => tradeoff%found(i), number => tradeoff%cases(tradeoff%tasks(i)%row))
+            call mean_slip_errors(found, noise_of_one(tradeoff, time_slip, n_steps), now, ratio)
+            associate (n => times*tradeoff%plan%cases(number)%n_samples, &
+                       n_now => real(found%n_samples, wp), n_cases => tradeoff%n_cases(number), &
+                       gain => found%gain(:, slip_std:))
+               error(slip) = max(error(slip), &
+                                 maxval(error_with(n, n_now, now, ratio, 0.0_wp, n_cases)))
+               error(slip_std:) = max(error(slip_std:), &
+                                      maxval(error_with(n, n_now, &
+                                                        found%plain_error(:, slip_std:)/gain, &
+                                                        gain, 0.0_wp, n_cases), 1))
+            end associate
+         end associate
+      end do
+   end function error_of_samples
+
+   !> Time-average error of one sample [points] where each has its own record, as the scatter over
+   !> samples of a short march holds it too; else 0.
+   pure real(wp) function noise_of_one(tradeoff, time_slip, n_steps)
+      type(tradeoff_type), intent(in) :: tradeoff
+      real(wp), intent(in) :: time_slip
+      integer, intent(in) :: n_steps   !! of the scene
+
+      noise_of_one = 0.0_wp
+      if (tradeoff%plan%excitation%per_sample) noise_of_one = time_slip &
+         *sqrt(maxval(tradeoff%plan%cases%n_samples)*real(n_steps, wp) &
+               /tradeoff%plan%integration%n_steps)
+   end function noise_of_one
+
+   !> Finds standard errors of mean slip fractions for as many samples as were marched [points]
+   !> without what their own records add, and plain sampling's over them.
+   pure subroutine mean_slip_errors(found, noise, now, ratio)
+      type(task_result), intent(in) :: found   !! of the samples of a case
+      real(wp), intent(in) :: noise            !! of one sample [points]
+      real(wp), allocatable, intent(out) :: now(:), ratio(:)   !! (joint)
+
+      associate (w => real(found%n_samples, wp))
+         now = (found%plain_error(:, slip)/found%gain(:, slip))**2 - noise**2/w
+         ratio = sqrt(max(0.0_wp, found%plain_error(:, slip)**2 - noise**2/w))
+         now = min(ratio, max(law_share*sqrt(w)*ratio, sqrt(max(0.0_wp, now))))
+      end associate
+      where (now > 0.0_wp)
+         ratio = ratio/now
+      else where
+         ratio = 1.0_wp
+      end where
+   end subroutine mean_slip_errors
 
    !> Quarters and multiples of the scene's samples and steps, by the laws that errors follow:
    !> the discretisation stays, Monte Carlo falls as the scene's estimator lets it, time averages
@@ -301,21 +339,15 @@ contains
 
       pure type(size_row) function row(more_samples, more_steps)
          real(wp), intent(in) :: more_samples, more_steps
-         type(published_error) :: of_samples
-         real(wp) :: of_time
+         real(wp) :: of_samples(n_published), of_time
 
-         of_samples = error_of_samples(tradeoff, errors%time%slip, &
+         of_samples = error_of_samples(tradeoff, errors%time(slip), &
                                       plan%integration%n_steps - plan%integration%n_discard, &
                                       more_samples)
          of_time = more_steps*merge(more_samples, 1.0_wp, plan%excitation%per_sample)
          row%n_samples = nint(more_samples*maxval(plan%cases%n_samples))
          row%n_steps = nint(more_steps*plan%integration%n_steps, long)
-         row%slip_mean = norm2([errors%discretisation%slip, errors%time%slip/sqrt(of_time), &
-                                of_samples%slip])
-         row%slip_std = norm2([errors%discretisation%slip_std, errors%time%slip_std/sqrt(of_time), &
-                               of_samples%slip_std])
-         row%band_ratio = norm2([errors%discretisation%band_ratio, &
-                                 errors%time%band_ratio/sqrt(of_time), of_samples%band_ratio])
+         row%error = sqrt(errors%discretisation**2 + errors%time**2/of_time + of_samples**2)
          row%seconds = 1.0e-9_wp*own%cost*sample_steps(plan)*more_samples*more_steps
       end function row
 

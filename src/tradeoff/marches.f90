@@ -4,8 +4,9 @@ module tradeoff_marches
    use campaign_results, only: block_result
    use campaign_sample, only: stop_query
    use core_error, only: error_type
+   use core_kinds, only: wp
    use process_model, only: process_model_type
-   use tradeoff_estimators, only: find_gains, no_gains
+   use tradeoff_estimators, only: find_gains
    use tradeoff_sample, only: draw_level, level_type, march_level
    use tradeoff_settings, only: setting_type
    use tradeoff_task_results, only: find_plain_errors, find_published, find_setting_errors, &
@@ -49,13 +50,11 @@ contains
             call find_published(plan, result, found%value)
          case (of_samples)
             call find_plain_errors(plan, result, found%plain_error)
+            found%gain = 0.0_wp*found%plain_error + 1.0_wp   ! of plain sampling
             associate (case_number => tradeoff%cases(task%row), scope => tradeoff%scope)
-               if (tradeoff%n_cases(case_number) > 0) then
+               if (tradeoff%n_cases(case_number) > 0) &
                   call find_gains(plan, scope%models(plan%cases(case_number)%process), &
                                   level%friction, result, scope%has_settings, found%gain, error)
-               else
-                  call no_gains(plan, found%gain)
-               end if
             end associate
          case default
             call find_variant(plan, result, found)
