@@ -34,7 +34,7 @@ module dynamics_exact_modal_form
       !> (lane, row, plane, group) numbers of blocks, q and q' or p, then S z; from run_part to
       !> go_on those that the free motion has at the end
       real(wp), pointer, contiguous :: modes(:, :, :, :) => null()
-      !> Room for the group under way: (lane, row, 1:2) p, p' at 1/2 less those of the cubic through
+      !> Room for the group under way: (lane, row, 1:2) p, p' at 1/2 less those of the path through
       !> both ends; (lane, row, 0:moment) S I
       real(wp), pointer, contiguous, dimension(:, :, :) :: middle => null(), taken => null()
       type(moving_sliders) :: sliders
@@ -119,7 +119,7 @@ contains
       k = self%n_kept - 2*m
       self%n_groups = group_of(self%paths%n_samples)
       self%modes = 0.0_wp
-      self%sliders%has_switched = .true.   ! regimes are given
+      call self%sliders%list_all()
       self%paths%x = 0.0_wp
       do l = 1, self%paths%n_samples
          w = self%paths%first_sample + l - 1

@@ -37,7 +37,7 @@ module dynamics_exact_modal_operators
       !> 1:2), by fours of joints and dofs, see by_fours
       real(wp), allocatable :: reads(:, :, :, :), shape(:, :, :, :)
       !> (entry, end, block) from both numbers, then push and its rise by ports; to both numbers at
-      !> 1, and by ports to p, then p', at 1/2 less those of the cubic through both ends (M3), (M4)
+      !> 1, and by ports to p, then p', at 1/2 less those of the path through both ends (M3), (M4)
       real(wp), allocatable :: rotation(:, :, :)
       real(wp), allocatable :: weight(:, :, :)  !! (0:moment, number, row) (M6)
       !> Y_0, Y_1, Y_2 (joint, joint of the slider, 0:2), joints padded to whole registers (M5)
@@ -187,7 +187,8 @@ contains
          call find_exponential(a, a(:, 3:2 + ports), max(n_markov, last + 1), half, full)
          ends = unit_matrix(n) + full%value
          slope = a + matmul(a, full%value)
-         middle = half%value - 0.5_wp*ends - 0.125_wp*(2.0_wp*a - slope)
+         middle = half%value - 0.5_wp*ends &
+                  - (0.125_wp + operators%square/384.0_wp)*(2.0_wp*a - slope)
          slope = matmul(a, half%value) - 1.5_wp*(full%value - unit_matrix(n)) + 0.25_wp*slope
          ends(:2, :) = full%value(:2, :)
          ends(3:2 + ports, :) = middle(:ports, :)

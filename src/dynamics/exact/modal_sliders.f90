@@ -25,6 +25,7 @@ module dynamics_exact_modal_sliders
       type(aligned_memory), private :: memory
    contains
       procedure :: start
+      procedure :: list_all
       procedure :: follow
       procedure :: switch
    end type moving_sliders
@@ -46,6 +47,16 @@ contains
       allocate (self%n_moved(groups), self%moved(n_joints + 1, groups), source=0)
       allocate (self%has_switched(groups), source=.true.)
    end subroutine start
+
+   !> Lists all joints: the next `follow` finds which of them move.
+   pure subroutine list_all(self)
+      class(moving_sliders), intent(inout) :: self
+      integer :: j
+
+      self%has_switched = .true.
+      self%n_moved = size(self%moved, 1) - 1
+      self%moved = spread([(j, j=1, size(self%moved, 1))], 2, groups)
+   end subroutine list_all
 
    !> Lists a joint that switches within the part.
    pure subroutine switch(self, g, joint)
@@ -79,8 +90,7 @@ contains
 
       if (self%has_switched(g)) then
          self%has_switched(g) = .false.
-         call find_moving(operators%n_joints, side, spring, self%moves(:, :, g), self%n_moved(g), &
-                          self%moved(:, g))
+         call find_moving(side, spring, self%moves(:, :, g), self%n_moved(g), self%moved(:, g))
       end if
       n = self%n_moved(g)
       associate (moved => self%moved(:n, g), moves => self%moves(:, :, g), motion => self%motion)
@@ -97,19 +107,18 @@ contains
       end associate
    end subroutine follow
 
-   !> Finds which sliders move with their joints from the start of the part: those of slipping
-   !> joints, and of joints without friction, which have no spring and slip for ever.
-   pure subroutine find_moving(joints, side, spring, moves, n_moved, moved)
-      integer, intent(in) :: joints
+   !> Finds which of the listed sliders move with their joints from the start of the part: those of
+   !> slipping joints, and of joints without friction, which have no spring and slip for ever.
+   pure subroutine find_moving(side, spring, moves, n_moved, moved)
       real(wp), intent(in), dimension(lanes, groups, *) :: side, spring
-      real(wp), intent(inout) :: moves(lanes, joints)
-      integer, intent(out) :: n_moved
-      integer, intent(inout) :: moved(joints + 1)
+      real(wp), intent(inout) :: moves(lanes, *)
+      integer, intent(inout) :: n_moved, moved(:)
       real(wp) :: most
-      integer :: j, l
+      integer :: i, j, l, n
 
-      n_moved = 0
-      do j = 1, joints
+      n = 0
+      do i = 1, n_moved
+         j = moved(i)
          most = 0.0_wp
          !$omp simd reduction(max:most)
          do l = 1, lanes
@@ -117,9 +126,10 @@ contains
                                 spring(l, 1, j) > 0.0_wp)
             most = max(most, moves(l, j))
          end do
-         moved(n_moved + 1) = j
-         n_moved = n_moved + nint(most)
+         moved(n + 1) = j
+         n = n + nint(most)
       end do
+      n_moved = n
    end subroutine find_moving
 
    !> Finds one power of the motion, times a factor, from that power of the paths.

@@ -20,41 +20,27 @@ contains
       real(wp), intent(in) :: force(lanes, size(load, 2), 0:1)   !! value and rise [N]
       real(wp), intent(inout) :: modes(lanes, rows, 3)     !! q, q', S z
       real(wp), intent(inout) :: middle(lanes, rows, 2)    !! see modal_form
-      real(wp) :: push, q, rise, v
-      integer :: f, i, l, r
+      real(wp), dimension(lanes) :: push, q, rise, v
+      integer :: f, i, r
 
       do r = 1, size(load, 1)
-         if (r >= first_read(4)) then
-            !$omp simd private(push, rise)
-            do l = 1, lanes
-               push = modes(l, r, 3) + load(r, 1)*force(l, 1, 0)
-               rise = load(r, 1)*force(l, 1, 1)
-               middle(l, r, 2) = rotation(1, 4, r)*modes(l, r, 1) &
-                                 + (rotation(2, 4, r)*modes(l, r, 2) &
-                                    + (rotation(3, 4, r)*push + rotation(4, 4, r)*rise))
-            end do
-         end if
-         !$omp simd private(push, q, rise, v)
-         do l = 1, lanes
-            push = modes(l, r, 3) + load(r, 1)*force(l, 1, 0)
-            rise = load(r, 1)*force(l, 1, 1)
-            q = modes(l, r, 1)
-            v = modes(l, r, 2)
-            modes(l, r, 1) = rotation(1, 1, r)*q + (rotation(2, 1, r)*v &
-                             + (rotation(3, 1, r)*push + rotation(4, 1, r)*rise))
-            modes(l, r, 2) = rotation(1, 2, r)*q + (rotation(2, 2, r)*v &
-                             + (rotation(3, 2, r)*push + rotation(4, 2, r)*rise))
-            middle(l, r, 1) = rotation(1, 3, r)*q + (rotation(2, 3, r)*v &
-                              + (rotation(3, 3, r)*push + rotation(4, 3, r)*rise))
-         end do
+         push = modes(:, r, 3) + load(r, 1)*force(:, 1, 0)
+         rise = load(r, 1)*force(:, 1, 1)
          do f = 2, size(load, 2)
-            do i = 1, 2
-               modes(:, r, i) = modes(:, r, i) + load(r, f)*(rotation(3, i, r)*force(:, f, 0) &
-                                                             + rotation(4, i, r)*force(:, f, 1))
-               middle(:, r, i) = middle(:, r, i) &
-                                 + load(r, f)*(rotation(3, i + 2, r)*force(:, f, 0) &
-                                               + rotation(4, i + 2, r)*force(:, f, 1))
-            end do
+            push = push + load(r, f)*force(:, f, 0)
+            rise = rise + load(r, f)*force(:, f, 1)
+         end do
+         q = modes(:, r, 1)
+         v = modes(:, r, 2)
+         do i = 1, 4
+            if (i > 2 .and. r < first_read(i)) cycle
+            if (i <= 2) then
+               modes(:, r, i) = rotation(1, i, r)*q + (rotation(2, i, r)*v &
+                                + (rotation(3, i, r)*push + rotation(4, i, r)*rise))
+            else
+               middle(:, r, i - 2) = rotation(1, i, r)*q + (rotation(2, i, r)*v &
+                                     + (rotation(3, i, r)*push + rotation(4, i, r)*rise))
+            end if
          end do
       end do
    end subroutine rotate_modes
@@ -141,12 +127,13 @@ contains
       real(wp), intent(in), dimension(lanes, groups, joints) :: x0, x1   !! u(0), u'(0)
       real(wp), intent(inout) :: x(lanes, groups, joints, 2:5)           !! (.., joint, power)
       real(wp), dimension(lanes, four) :: e, s, u, v
-      real(wp) :: change, start
+      real(wp) :: bow, change, fourth, start
       integer :: first_e, first_s, i, j, l, ports, q, r
 
       ports = operators%blocks%ports
       first_e = ports*(operators%first_read(3) - 1) + 1
       first_s = ports*(operators%first_read(4) - 1) + 1
+      fourth = operators%square/24.0_wp
       associate (place => operators%reads(:, :, :, 1), &
                  velocity => operators%reads(:, :, :, ports), &
                  now => modes(:, :, 1), rate => modes(:, :, 3 - ports), n => operators%n_rows)
@@ -173,13 +160,14 @@ contains
             end do
             do r = 1, four
                j = four*(q - 1) + r
-               !$omp simd private(change, start)
+               !$omp simd private(bow, change, start)
                do l = 1, lanes
                   change = u(l, r) - x0(l, 1, j)
                   start = x1(l, 1, j)
-                  x(l, 1, j, 2) = (3.0_wp*change - (2.0_wp*start + v(l, r))) + 16.0_wp*e(l, r)
-                  x(l, 1, j, 3) = ((start + v(l, r)) - 2.0_wp*change) - 32.0_wp*e(l, r)
-                  x(l, 1, j, 4) = 16.0_wp*e(l, r)
+                  bow = 16.0_wp*e(l, r) - fourth*(v(l, r) - start)
+                  x(l, 1, j, 2) = (3.0_wp*change - (2.0_wp*start + v(l, r))) + bow
+                  x(l, 1, j, 3) = ((start + v(l, r)) - 2.0_wp*change) - 2.0_wp*bow
+                  x(l, 1, j, 4) = bow
                   x(l, 1, j, 5) = 0.0_wp
                end do
             end do

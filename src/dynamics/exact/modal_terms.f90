@@ -30,6 +30,7 @@ module dynamics_exact_modal_terms
       integer :: n_moments = 4     !! integrals of a slider's motion that its modes need
       !> first block whose displacement (3) and velocity (4) at half the part joints read; at 1 all
       integer :: first_read(4) = 1
+      real(wp) :: square = 0.0_wp   !! c: fourth derivatives are -c times the second, or read (M4)
       !> (power of a path) least power of the sliders that adds to it; beyond power - 2: none does
       integer :: first_power(3:path_degree) = 1
    end type modal_terms
@@ -183,9 +184,13 @@ contains
       real(wp), intent(in) :: tolerance
       class(modal_terms), intent(inout) :: terms
       real(wp), parameter :: steps = 30.0_wp   ! for which the error of a part lives on, see (1)
+      real(wp), parameter :: negligible = 1.0e-100_wp
+      real(wp), parameter :: mean_of_most = 8.0_wp/15.0_wp   ! of t^2 (1 - t)^2
       real(wp), parameter :: cubic_error = 2.6e-3_wp, quartic_error = 7.5e-5_wp   ! (M4)
       real(wp) :: answer(0:n_markov - 1), kernel(0:4), memory, path(5), share(size(rate))
       real(wp) :: on   ! errors of paths add up to while a joint slides on
+      real(wp) :: least, most   ! c (M8)
+      real(wp), dimension(size(rate)) :: room, square   ! of c about |A| (block)
       real(wp) :: gain(size(joints%gain, 1), blocks%ports*size(rate))
       integer :: d, k, r
 
@@ -209,9 +214,21 @@ contains
       associate (decay => maxval(sum(abs(damping), 1)))
          answer = [kernel(0), kernel(0)*decay, kernel(2) + kernel(0)*decay**2]
       end associate
-      terms%first_read(3) = first_beyond(cubic_error*share*blocks%rate**4)
-      terms%first_read(4) = max(terms%first_read(3), &
-                                first_beyond(quartic_error*share*blocks%rate**5))
+      square = blocks%block(1, 1, :)*blocks%block(2, 2, :) &
+               - blocks%block(1, 2, :)*blocks%block(2, 1, :)
+      room = tolerance/(max(2.0_wp*term_safety, on*mean_of_most/slide_safety)*cubic_error &
+                        *max(share*blocks%rate**2, negligible)) &
+             - abs(blocks%block(1, 1, :) + blocks%block(2, 2, :))*blocks%rate
+      least = 0.0_wp
+      most = 1.0_wp
+      do r = 1, size(rate)
+         least = max(least, square(r) - room(r))
+         most = min(most, square(r) + room(r))
+         if (least > most) exit
+         terms%square = 0.5_wp*(least + most)
+      end do
+      terms%first_read(3) = r
+      terms%first_read(4) = first_beyond(quartic_error*share*blocks%rate**5)
       memory = steps*terms%n_parts
       terms%n_moments = 4
       if (memory*(kernel(2)*path(3) + kernel(4)*path(2))*1.0e-5_wp <= 0.2_wp*tolerance) &
