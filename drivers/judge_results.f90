@@ -246,7 +246,7 @@ contains
       type(case_task) :: task
       integer :: i
 
-      call output%list_stored(stored, error)
+      call output%list_stored(plan, stored, error)
       if (output%world%any_true(allocated(error))) return
       do i = 1, size(plan%cases)
          if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle

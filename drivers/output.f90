@@ -15,8 +15,8 @@ module driver_output
    use driver_campaign, only: tell_folder
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
-   use io_earlier_results, only: case_errors, check_replaceable, extract_shards, inspect_results, &
-                                 read_errors
+   use io_earlier_results, only: case_errors, check_replaceable, inspect_results, read_errors, &
+                                 stored_in_results
    use io_files, only: exists, follow_links, remove_file
    use io_lock, only: lock_type, take_lock
    use io_shards, only: finished_samples, list_shards, named_shard, order_shards, remove_covered, &
@@ -66,6 +66,7 @@ contains
       type(error_type), allocatable :: error
 
       call name_output(world, line, scene, ending, output)
+      output%n_stored = [integer ::]
       if (world%is_root()) call clear_place(output, error)
       call output%stop_on(error)
       call tell_folder(output%path, output%lock%n_folders, output%is_quiet)
@@ -135,7 +136,7 @@ contains
          output%is_finished(:min(output%n_stored(c), plan%cases(c)%n_samples), c) = .true.
       end do
       if (output%is_complete) return
-      call output%list_stored(stored, error)
+      call output%list_stored(plan, stored, error)
       if (.not. allocated(error)) call output%verify(stored, error)
       call output%stop_on(error)
       call mark_finished(plan, stored%shards, output)
@@ -181,8 +182,7 @@ contains
       end do
    end subroutine mark_finished
 
-   !> Takes up an earlier results file: it is complete, or has fewer samples than are wanted now
-   !> and, of a run alone, its samples go on as shards.
+   !> Takes up an earlier results file: it is complete, or has fewer samples than are wanted now.
    subroutine take_up_results(plan, output, error)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
@@ -193,12 +193,8 @@ contains
          call find_unmet(plan, output, error)
       if (.not. (allocated(error) .or. output%is_complete)) &
          call refuse_extension(plan, output%n_stored, output%path, error)
-      if (allocated(error) .or. output%is_shared) return
-      if (output%is_complete) then
+      if (output%is_complete .and. .not. (allocated(error) .or. output%is_shared)) &
          call remove_covered(output%store, output%lock, output%n_stored, error)
-      else
-         call extract_shards(output%path, output%n_stored, block_width(plan), output%store, error)
-      end if
    end subroutine take_up_results
 
    !> Refuses to go on from results that have not all of their samples.
@@ -266,14 +262,16 @@ contains
       call move_alloc(self%is_finished, before)
       allocate (self%is_finished(maxval(plan%cases%n_samples), size(plan%cases)), source=.false.)
       self%is_finished(:size(before, 1), :) = before
-      call self%list_stored(stored, error)
+      call self%list_stored(plan, stored, error)
       call mark_finished(plan, stored%shards, self)
    end subroutine look_again
 
-   !> Finds the shards of the store, for all ranks as the root lists them: other machines may not
-   !> see new files at once. An error is the root's. Collective.
-   subroutine list_stored(self, stored, error)
+   !> Finds the samples of the store, for all ranks as the root lists them: other machines may not
+   !> see new files at once; and those of an earlier results file. An error is the root's.
+   !> Collective.
+   subroutine list_stored(self, plan, stored, error)
       class(output_type), intent(in) :: self
+      type(plan_type), intent(in) :: plan
       type(stored_samples), intent(out) :: stored
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
@@ -291,7 +289,8 @@ contains
          shards(i) = named_shard(self%store, nint(numbers(i, 1)), nint(numbers(i, 2)), &
                                  nint(numbers(i, 3)))
       end do
-      call order_shards(self%store, shards, stored)
+      call order_shards(self%store, [shards, stored_in_results(self%path, self%n_stored, &
+                                                               block_width(plan), shards)], stored)
    end subroutine list_stored
 
    !> Reads this rank's share of all shards whole, or, beside other runs, one of all, as they belong
@@ -305,6 +304,7 @@ contains
 
       do i = 1 + self%world%rank, min(size(stored%shards), merge(1, huge(1), self%is_shared)), &
          self%world%n_ranks
+         if (stored%shards(i)%group /= '') cycle   ! in a results file, which was read whole
          call verify_shard(stored%store, stored%shards(i), error)
          if (allocated(error)) return
       end do

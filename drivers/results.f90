@@ -101,7 +101,7 @@ contains
 
       if (output%world%is_root()) call write_structure(file, plan, error)
       if (output%world%any_true(allocated(error))) return
-      call output%list_stored(stored, error)
+      call output%list_stored(plan, stored, error)
       if (output%world%any_true(allocated(error))) return
       if (plan%output%spectrum .and. .not. plan%output%samples) then   ! else finish_case reads them
          call output%verify(stored, error)

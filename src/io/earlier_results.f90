@@ -1,23 +1,21 @@
-!> An earlier results file at the place of the new one: whose it is, its samples as shards, so that
-!> a finished campaign goes on to more of them, and the errors of its cases as it states them:
+!> An earlier results file at the place of the new one: whose it is, its samples, so that a finished
+!> campaign goes on to more of them, and the errors of its cases as it states them:
 !> targets are judged by what was written.
 module io_earlier_results
-   use campaign_results, only: block_result, case_statistics, of_slip
+   use campaign_results, only: case_statistics, of_slip
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_source, only: is_hdf5_file
-   use io_blocks, only: read_block
    use io_contents, only: check_contents
    use io_files, only: exists
    use io_group, only: group_of, group_type
    use io_hdf5, only: hdf5_file, hdf5_object, object_of, open_hdf5
    use io_identity, only: identity_type, refuse_foreign, require_command, require_same
    use io_results, only: case_group
-   use io_shards, only: finished_samples, list_shards, shard_type, write_shard
-   use io_store, only: shard_store
+   use io_shards, only: finished_samples, shard_type
    implicit none(type, external)
    private
-   public :: check_replaceable, extract_shards, inspect_results
+   public :: check_replaceable, inspect_results, stored_in_results
    public :: case_errors, read_errors
 
    !> Errors of one case. The statistics hold only errors of slip fractions, where they are known.
@@ -99,62 +97,30 @@ contains
       if (.not. allocated(error)) call move_alloc(found, n_samples)
    end subroutine inspect_results
 
-   !> Writes the samples of a results file as shards, but for those that the store has already.
-   subroutine extract_shards(path, n_samples, samples_per_shard, store, error)
+   !> The samples of a results file, but for those that have shards of their own.
+   function stored_in_results(path, n_samples, together, shards) result(stored)
       character(*), intent(in) :: path
       integer, intent(in) :: n_samples(:)   !! (case and audit), as inspect_results found them
-      integer, intent(in) :: samples_per_shard
-      type(shard_store), intent(in) :: store
-      type(error_type), allocatable, intent(out) :: error
-      type(shard_type), allocatable :: shards(:)
-      type(hdf5_file) :: file
-      integer :: case_number
+      integer, intent(in) :: together       !! samples that are read at once
+      type(shard_type), intent(in) :: shards(:)
+      type(shard_type), allocatable :: stored(:)
+      integer :: c, first, last, n
 
-      call list_shards(store, shards, error)
-      if (allocated(error)) return
-      call open_hdf5(path, file, error)
-      if (allocated(error)) return
-      do case_number = 1, size(n_samples)
-         call extract_case(file, case_group(case_number, size(n_samples)/2), case_number, &
-                           samples_per_shard, store, &
-                           finished_samples(shards, case_number, n_samples(case_number)), error)
-         if (allocated(error)) exit
+      allocate (stored(sum((n_samples + together - 1)/together)))
+      n = 0
+      do c = 1, size(n_samples)
+         associate (is_there => finished_samples(shards, c, n_samples(c)))
+            do first = 1, n_samples(c), together
+               last = min(first + together - 1, n_samples(c))
+               if (all(is_there(first:last))) cycle
+               n = n + 1
+               stored(n) = shard_type(path, c, first, last - first + 1, &
+                                      case_group(c, size(n_samples)/2), first - 1)
+            end do
+         end associate
       end do
-      call file%abandon()
-   end subroutine extract_shards
-
-   subroutine extract_case(file, group, case_number, samples_per_shard, store, is_stored, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: group   !! its path
-      integer, intent(in) :: case_number, samples_per_shard
-      type(shard_store), intent(in) :: store
-      logical, intent(in) :: is_stored(:)   !! (sample)
-      type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: block(1)
-      integer :: first, last
-
-      do first = 1, size(is_stored), samples_per_shard
-         last = min(first + samples_per_shard - 1, size(is_stored))
-         if (all(is_stored(first:last))) cycle
-         call hold(block(1))
-         call read_block(file, group, block(1), first - 1, 0, last - first + 1, .false., error)
-         if (allocated(error)) return
-         call write_shard(store, block, error)
-         if (allocated(error)) return
-      end do
-
-   contains
-
-      !> Starts a block of samples first..last without datasets.
-      subroutine hold(blank)
-         type(block_result), intent(out) :: blank
-
-         blank%case_number = case_number
-         blank%first_sample = first
-         blank%n_samples = last - first + 1
-      end subroutine hold
-
-   end subroutine extract_case
+      stored = stored(:n)
+   end function stored_in_results
 
    !> Reads the errors that were written.
    subroutine read_errors(path, n_cases, errors, error)

@@ -22,12 +22,14 @@ module io_shards
    character(*), parameter :: advice = '; remove it to have its samples computed again'
    character(*), parameter :: header(*) = [character(12) :: 'case', 'first_sample', 'n_samples']
 
-   !> One shard, as its name tells it.
+   !> One shard, as its name tells it; or some samples of an earlier results file.
    type :: shard_type
       character(:), allocatable :: path
       integer :: case_number = 0
       integer :: first_sample = 0
       integer :: n_samples = 0
+      character(32) :: group = ''   !! path of it in a results file; '': a shard
+      integer :: before = 0         !! samples in the file before these
    end type shard_type
 
    !> The shards of a store. Whose they are and that they are sound, verify_shard has seen.
@@ -111,16 +113,21 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
 
-      call open_own(store, shard%path, header, &
-                    [shard%case_number, shard%first_sample, shard%n_samples], 'samples', advice, &
-                    file, error)
+      if (shard%group /= '') then
+         call open_hdf5(shard%path, file, error)
+      else
+         call open_own(store, shard%path, header, &
+                       [shard%case_number, shard%first_sample, shard%n_samples], 'samples', &
+                       advice, file, error)
+      end if
       if (allocated(error)) return
       block%case_number = shard%case_number
       block%first_sample = shard%first_sample
       block%n_samples = shard%n_samples
-      call read_block(file, '/', block, 0, 0, block%n_samples, .false., error)
+      call read_block(file, trim(shard%group), block, shard%before, 0, block%n_samples, .false., &
+                      error)
       call file%abandon()
-      if (allocated(error)) error%message = error%message//advice
+      if (allocated(error) .and. shard%group == '') error%message = error%message//advice
    end subroutine read_shard
 
    !> Removes the shards whose samples a results file has, as after a run killed at its very end;
@@ -250,8 +257,8 @@ contains
             call find_common(shard, first, last, before, n)
             call open_hdf5(shard%path, file, error)
             if (allocated(error)) return
-            call read_block(file, '/', block, before, shard%first_sample + before - first, n, &
-                            .true., error)
+            call read_block(file, trim(shard%group), block, shard%before + before, &
+                            shard%first_sample + before - first, n, .true., error)
          end associate
          call file%abandon()
          if (allocated(error)) return
@@ -280,10 +287,11 @@ contains
             call find_common(shard, first(3), last, before, n)
             place = shard%first_sample + before - first(3)
             call open_hdf5(shard%path, file, error)
+            if (allocated(error)) return
+            call move_part(file, trim(shard%group)//'/'//name, &
+                           [first(:2), shard%before + before + 1], &
+                           values(:, :, place + 1:place + n), .false., error)
          end associate
-         if (allocated(error)) return
-         call move_part(file, '/'//name, [first(:2), before + 1], &
-                        values(:, :, place + 1:place + n), .false., error)
          call file%abandon()
          if (allocated(error)) return
       end do
