@@ -82,14 +82,15 @@ contains
       text = ''
       select type (marcher => self%marcher)
       type is (exact_march)
-         associate (series => marcher%work_series, modes => marcher%work_modes)
-            text = 'by '//marcher%form//', '//to_text(nint(min(series, modes)))// &
+         associate (series => marcher%work_series, modes => marcher%work_modes, &
+                    is_modal => marcher%form == 'modes')
+            text = 'by '//marcher%form//', '//to_text(nint(merge(modes, series, is_modal)))// &
                    ' multiplications a step of a sample'
             if (max(series, modes) < unknown) &
-               text = text//'; by '//trim(merge('modes       ', 'power series', series < modes))// &
-                      ' '//to_text(nint(max(series, modes)))
+               text = text//'; by '//trim(merge('power series', 'modes       ', is_modal))// &
+                      ' '//to_text(nint(merge(series, modes, is_modal)))
             if (marcher%parts > 1) text = text//'; '//to_text(marcher%parts)//' parts a step'
-            if (marcher%form == 'modes' .and. marcher%parts >= many_parts) &
+            if (is_modal .and. marcher%parts >= many_parts) &
                text = text//modes_to_spare(marcher)
          end associate
       end select

@@ -37,8 +37,8 @@ contains
       marcher%tolerance = tolerance
       transitions = transitions_of_step(structure, dt)
       if (structure%has_lumped_mass()) call use_series(transitions, marcher)
-      ! in modes, each of m joints reads n modes three times and pushes them as often, at least
-      if (6.0_wp*structure%n_joints*structure%n_dof < marcher%work_series) &
+      ! in modes, each joint reads all modes twice at least
+      if (2.0_wp*structure%n_joints*structure%n_dof < marcher%work_series) &
          call try_modes(transitions, marcher, error)
    end subroutine new_exact_march
 
@@ -94,12 +94,13 @@ contains
       end do
    end subroutine use_series
 
-   !> Chooses modes if they need less work than power series.
+   !> Chooses modes if they need a fifth less work than power series, whose errors are relative to
+   !> each dof's own motion down to any size: rounding of modes is relative to the largest.
    subroutine try_modes(transitions, marcher, error)
       real(wp), intent(in) :: transitions   !! of a sample in a step
       type(exact_march), intent(inout) :: marcher
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: of_transition = 4500.0_wp   ! multiplications (11)
+      real(wp), parameter :: of_transition = 7000.0_wp, share = 0.8_wp   ! multiplications (11)
       type(modal_form), allocatable :: form
       type(march_work) :: work
 
@@ -111,7 +112,7 @@ contains
       work%lanes = lanes
       work%transition = of_transition
       marcher%work_modes = work%with_transitions(transitions)
-      if (marcher%work_modes >= marcher%work_series) return
+      if (marcher%work_modes >= share*marcher%work_series) return
       marcher%work = work
       marcher%parts = form%operators%n_parts
       marcher%form = 'modes'

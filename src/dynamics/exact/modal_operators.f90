@@ -53,18 +53,18 @@ module dynamics_exact_modal_operators
 
 contains
 
-   !> Multiplications of one sample in one part, transitions aside.
+   !> Multiplications of one sample in one part, transitions aside (11).
    pure real(wp) function work(self)
       class(modal_operators), intent(in) :: self
+      real(wp), parameter :: of_guard = 30.0_wp, moving = 0.25_wp   ! of the sliders
       integer :: k
 
-      work = 80.0_wp*self%n_joints + size(self%rotation) + size(self%weight)   ! 80: guards
-      work = work + (self%n_moments + 1.0_wp)*size(self%push)
-      work = work + padded(self%n_joints)*self%blocks%ports &
-             *sum(self%n_modes + 1.0_wp - self%first_read)
+      work = (self%n_moments + 1.0_wp)*size(self%push) + size(self%weight)
       do k = 3, path_degree
          work = work + padded(self%n_joints)*self%n_joints*max(0, k - 1 - self%first_power(k))
       end do
+      work = moving*work + of_guard*self%n_joints + size(self%rotation) &
+             + padded(self%n_joints)*self%blocks%ports*sum(self%n_modes + 1.0_wp - self%first_read)
    end function work
 
    !> n, rounded up to whole fours.

@@ -62,7 +62,7 @@ contains
    pure type(march_work) function work(self, parts)
       class(series_form), intent(in) :: self
       integer, intent(in) :: parts
-      real(wp), parameter :: local = 1500.0_wp, anew = 6000.0_wp
+      real(wp), parameter :: local = 2500.0_wp, anew = 6000.0_wp
 
       work%step = parts*self%series%work()
       work%lanes = width
