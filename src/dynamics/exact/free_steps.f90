@@ -128,16 +128,19 @@ contains
       i = paths%joint_row(entry)
       j = paths%joint(entry)
       do l = 1, width
-         path(l) = x(l, i, degree)
-         velocity(l) = power(degree)*x(l, i, degree)
-         turn(l) = bend(degree)*abs(x(l, i, degree))
+         path(l) = 0.0_wp
+         velocity(l) = 0.0_wp
+         turn(l) = 0.0_wp
       end do
-      do k = degree - 1, 3, -1
+      k = degree
+      do   ! with the exit at the end: sums stay in registers
          do l = 1, width
             path(l) = path(l) + x(l, i, k)
             velocity(l) = velocity(l) + power(k)*x(l, i, k)
             turn(l) = turn(l) + bend(k)*abs(x(l, i, k))
          end do
+         k = k - 1
+         if (k < 3) exit
       end do
       do l = 1, width
          path(l) = start(l, i, 0) + (start(l, i, 1) + (x(l, i, 2) + path(l)))
