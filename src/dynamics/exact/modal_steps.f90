@@ -127,53 +127,38 @@ contains
       real(wp), intent(in), dimension(lanes, groups, joints) :: x0, x1   !! u(0), u'(0)
       real(wp), intent(inout) :: x(lanes, groups, joints, 2:5)           !! (.., joint, power)
       real(wp), dimension(lanes, four) :: e, s, u, v
-      real(wp) :: bow, change, fourth, start
-      integer :: first_e, first_s, i, j, l, ports, q, r
+      real(wp) :: change, start
+      integer :: i, j, l, ports, q, r
 
       ports = operators%blocks%ports
-      first_e = ports*(operators%first_read(3) - 1) + 1
-      first_s = ports*(operators%first_read(4) - 1) + 1
-      fourth = operators%square/24.0_wp
       associate (place => operators%reads(:, :, :, 1), &
                  velocity => operators%reads(:, :, :, ports), &
-                 now => modes(:, :, 1), rate => modes(:, :, 3 - ports), n => operators%n_rows)
+                 now => modes(:, :, 1), rate => modes(:, :, 3 - ports), n => operators%n_rows, &
+                 first => ports*(operators%first_read(3:) - 1) + 1)
          do q = 1, size(place, 3)
             u = 0.0_wp
             v = 0.0_wp
-            e = 0.0_wp
-            do i = 1, first_e - 1
+            i = 1
+            do   ! with the exit at the end: sums stay in registers
                do r = 1, four
                   do l = 1, lanes
                      u(l, r) = u(l, r) + place(r, i, q)*now(l, i)
                      v(l, r) = v(l, r) + velocity(r, i, q)*rate(l, i)
                   end do
                end do
+               i = i + 1
+               if (i > n) exit
             end do
-            do i = first_e, n
+            e = 0.0_wp
+            do i = first(1), n
                do r = 1, four
                   do l = 1, lanes
-                     u(l, r) = u(l, r) + place(r, i, q)*now(l, i)
-                     v(l, r) = v(l, r) + velocity(r, i, q)*rate(l, i)
                      e(l, r) = e(l, r) + place(r, i, q)*middle(l, i, 1)
                   end do
                end do
             end do
-            do r = 1, four
-               j = four*(q - 1) + r
-               !$omp simd private(bow, change, start)
-               do l = 1, lanes
-                  change = u(l, r) - x0(l, 1, j)
-                  start = x1(l, 1, j)
-                  bow = 16.0_wp*e(l, r) - fourth*(v(l, r) - start)
-                  x(l, 1, j, 2) = (3.0_wp*change - (2.0_wp*start + v(l, r))) + bow
-                  x(l, 1, j, 3) = ((start + v(l, r)) - 2.0_wp*change) - 2.0_wp*bow
-                  x(l, 1, j, 4) = bow
-                  x(l, 1, j, 5) = 0.0_wp
-               end do
-            end do
-            if (first_s > n) cycle
             s = 0.0_wp
-            do i = first_s, n
+            do i = first(2), n
                do r = 1, four
                   do l = 1, lanes
                      s(l, r) = s(l, r) + place(r, i, q)*middle(l, i, 2)
@@ -182,11 +167,16 @@ contains
             end do
             do r = 1, four
                j = four*(q - 1) + r
-               !$omp simd
+               !$omp simd private(change, start)
                do l = 1, lanes
-                  x(l, 1, j, 2) = x(l, 1, j, 2) - 8.0_wp*s(l, r)
-                  x(l, 1, j, 3) = x(l, 1, j, 3) + 32.0_wp*s(l, r)
-                  x(l, 1, j, 4) = x(l, 1, j, 4) - 40.0_wp*s(l, r)
+                  change = u(l, r) - x0(l, 1, j)
+                  start = x1(l, 1, j)
+                  e(l, r) = e(l, r) - (operators%square/384.0_wp)*(v(l, r) - start)
+                  x(l, 1, j, 2) = (3.0_wp*change - (2.0_wp*start + v(l, r))) &
+                                  + (16.0_wp*e(l, r) - 8.0_wp*s(l, r))
+                  x(l, 1, j, 3) = ((start + v(l, r)) - 2.0_wp*change) &
+                                  + (32.0_wp*s(l, r) - 32.0_wp*e(l, r))
+                  x(l, 1, j, 4) = 16.0_wp*e(l, r) - 40.0_wp*s(l, r)
                   x(l, 1, j, 5) = 16.0_wp*s(l, r)
                end do
             end do
