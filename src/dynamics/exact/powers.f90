@@ -84,45 +84,47 @@ contains
       real(wp) :: a(width), b(width), scale
       integer :: e, from, i, j, l, pair, to
 
-      scale = operator%scale
-      do pair = 1, operator%n_pairs
-         i = 2*pair - 1
-         from = operator%from(turn) + i
-         to = operator%to + i
-         do l = 1, width
-            a(l) = stiffness(l, i)*x(l, from)
-            b(l) = stiffness(l, i + 1)*x(l, from + 1)
-         end do
-         if (operator%pulls) then
+      associate (start => operator%start, place => operator%place(:, turn), value => operator%value)
+         scale = operator%scale
+         do pair = 1, operator%n_pairs
+            i = 2*pair - 1
+            from = operator%from(turn) + i
+            to = operator%to + i
             do l = 1, width
-               a(l) = a(l) - pull(l, i)
-               b(l) = b(l) - pull(l, i + 1)
+               a(l) = stiffness(l, i)*x(l, from)
+               b(l) = stiffness(l, i + 1)*x(l, from + 1)
             end do
-         end if
-         do e = operator%start(1, pair), operator%start(2, pair) - 1
-            j = operator%place(e, turn)
+            if (operator%pulls) then
+               do l = 1, width
+                  a(l) = a(l) - pull(l, i)
+                  b(l) = b(l) - pull(l, i + 1)
+               end do
+            end if
+            do e = start(1, pair), start(2, pair) - 1
+               j = place(e)
+               do l = 1, width
+                  a(l) = a(l) + value(1, e)*x(l, j)
+               end do
+            end do
+            do e = start(2, pair), start(3, pair) - 1
+               j = place(e)
+               do l = 1, width
+                  b(l) = b(l) + value(2, e)*x(l, j)
+               end do
+            end do
+            do e = start(3, pair), start(1, pair + 1) - 1
+               j = place(e)
+               do l = 1, width
+                  a(l) = a(l) + value(1, e)*x(l, j)
+                  b(l) = b(l) + value(2, e)*x(l, j)
+               end do
+            end do
             do l = 1, width
-               a(l) = a(l) + operator%value(1, e)*x(l, j)
+               x(l, to) = scale*a(l)
+               x(l, to + 1) = scale*b(l)
             end do
          end do
-         do e = operator%start(2, pair), operator%start(3, pair) - 1
-            j = operator%place(e, turn)
-            do l = 1, width
-               b(l) = b(l) + operator%value(2, e)*x(l, j)
-            end do
-         end do
-         do e = operator%start(3, pair), operator%start(1, pair + 1) - 1
-            j = operator%place(e, turn)
-            do l = 1, width
-               a(l) = a(l) + operator%value(1, e)*x(l, j)
-               b(l) = b(l) + operator%value(2, e)*x(l, j)
-            end do
-         end do
-         do l = 1, width
-            x(l, to) = scale*a(l)
-            x(l, to + 1) = scale*b(l)
-         end do
-      end do
+      end associate
    end subroutine next_power
 
 end module dynamics_exact_powers
