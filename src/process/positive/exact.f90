@@ -30,14 +30,16 @@ module process_positive_exact
    !> Rings of values side by side, one per lane; or one ring wound over all lanes.
    type :: ring_type
       integer :: length = 0              !! values per lane
-      integer :: order = 0
+      integer :: history = 0             !! values that are kept before them too
       logical :: is_wound = .false.      !! the next lane continues where this one ends
       real(wp) :: field = 0.0_wp         !! mu (G_0 + 2 sum G_m)
+      real(wp) :: centre = 0.0_wp        !! start of every value, near the mean
       real(wp), allocatable :: g(:)      !! (0:order) precision of the law, Eq. (25)
-      real(wp), allocatable :: x(:, :)   !! (lane, 1-order:length+order)
+      real(wp), allocatable :: d(:, :)   !! (lane, 1-history:length+order) x - centre
       !> (0:order) precision of the linear companion; unallocated: none
       real(wp), allocatable :: h(:)
-      real(wp), allocatable :: y(:, :)   !! as x
+      real(wp), allocatable :: y(:, :)   !! as d
+      real(wp), allocatable :: u(:)      !! numbers of a sweep
    end type ring_type
 
 contains
@@ -76,10 +78,9 @@ contains
       integer :: first, last, stretch, sweep
 
       batches%centre = centre
-      ring = new_ring(g, field, ring_length, .false.)
-      ring%x = centre
+      ring = new_ring(g, field, centre, ring_length, max(batches%n_lags, ubound(g, 1)), .false.)
       ring%h = symbol_of_process(companion, 1.0_wp)
-      allocate (ring%y(lanes, 1 - ring%order:ring%length + ring%order), source=0.0_wp)
+      ring%y = ring%d
       do sweep = 1, n_burn_in
          call redraw(ring, stream)
       end do
@@ -87,10 +88,10 @@ contains
          sums = 0.0_wp
          do sweep = 1, n_sweeps
             call redraw(ring, stream)
-            call add_ring(batches%n_single, batches%n_lags, ring%length, &
-                          ring%x(:, 1:ring%length) - centre, sums(:, :, 1))
-            call add_ring(batches%n_single, batches%n_lags, ring%length, &
-                          ring%y(:, 1:ring%length), sums(:, :, 2))
+            call add_products(ring%history, ring%length, batches%n_single, batches%n_lags, ring%d, &
+                              sums(:, :, 1))
+            call add_products(ring%history, ring%length, batches%n_single, batches%n_lags, ring%y, &
+                              sums(:, :, 2))
          end do
          first = (stretch - 1)*lanes + 1
          last = stretch*lanes
@@ -98,18 +99,6 @@ contains
          batches%y(:, first:last) = transpose(sums(:, :, 2))/(n_sweeps*ring%length)
       end do
    end subroutine sample_exact
-
-   !> Adds products around closed rings.
-   pure subroutine add_ring(n_single, n_lags, length, d, sums)
-      integer, intent(in) :: n_single, n_lags, length
-      real(wp), intent(in) :: d(lanes, length)
-      real(wp), intent(inout) :: sums(lanes, -1:n_single + 2)
-      real(wp) :: closed(lanes, 1 - n_lags:length)
-
-      closed(:, 1:) = d
-      closed(:, :0) = d(:, length - n_lags + 1:)
-      call add_products(n_lags, length, n_single, n_lags, closed, sums)
-   end subroutine add_ring
 
    !> Draws consecutive values of one stationary run, from a ring that has forgotten its start and
    !> is longer than they are by margins beyond the memory.
@@ -123,29 +112,30 @@ contains
       type(ring_type) :: ring
       integer :: n, sweep
 
-      ring = new_ring(g, field, max((size(values) + 2*margin + lanes - 1)/lanes, size(g)), .true.)
-      ring%x = start
+      ring = new_ring(g, field, start, max((size(values) + 2*margin + lanes - 1)/lanes, size(g)), &
+                      ubound(g, 1), .true.)
       do sweep = 1, n_sweeps
          call redraw(ring, stream)
       end do
       do n = 1, size(values)
-         values(n) = ring%x((n - 1)/ring%length + 1, modulo(n - 1, ring%length) + 1)
+         values(n) = start + ring%d((n - 1)/ring%length + 1, modulo(n - 1, ring%length) + 1)
       end do
    end subroutine draw_window
 
-   pure function new_ring(g, field, length, is_wound) result(ring)
-      real(wp), intent(in) :: g(0:), field
-      integer, intent(in) :: length
+   pure function new_ring(g, field, centre, length, history, is_wound) result(ring)
+      real(wp), intent(in) :: g(0:), field, centre
+      integer, intent(in) :: length, history
       logical, intent(in) :: is_wound
       type(ring_type) :: ring
 
       ring%length = length
-      ring%order = ubound(g, 1)
+      ring%history = history
       ring%is_wound = is_wound
       ring%field = field
-      allocate (ring%g(0:ring%order))
-      ring%g(:) = g
-      allocate (ring%x(lanes, 1 - ring%order:length + ring%order))
+      ring%centre = centre
+      ring%g = g
+      allocate (ring%d(lanes, 1 - history:length + ubound(g, 1)), source=0.0_wp)
+      allocate (ring%u(lanes*length))
    end function new_ring
 
    !> Redraws every value given its neighbours: one sweep. Places as far apart as a lane is long do
@@ -153,33 +143,34 @@ contains
    subroutine redraw(ring, stream)
       type(ring_type), intent(inout) :: ring
       type(stream_type), intent(inout) :: stream
-      real(wp) :: u(lanes*ring%length)
 
-      call stream%uniforms(u)
+      call stream%uniforms(ring%u)
       ! a companion that is not allocated is absent
-      call redraw_lanes(ring%length, ring%is_wound, ring%field, ring%g, u, ring%x, ring%h, ring%y)
+      call redraw_lanes(ring%length, ring%history, ring%is_wound, ring%field, ring%centre, ring%g, &
+                        ring%u, ring%d, ring%h, ring%y)
    end subroutine redraw
 
-   pure subroutine redraw_lanes(length, is_wound, field, g, u, x, h, y)
-      integer, intent(in) :: length
+   pure subroutine redraw_lanes(length, history, is_wound, field, centre, g, u, d, h, y)
+      integer, intent(in) :: length, history
       logical, intent(in) :: is_wound
       real(wp), intent(in), contiguous :: g(0:)
-      real(wp), intent(in) :: field, u(lanes, length)
-      real(wp), intent(inout) :: x(lanes, 2 - size(g):length + size(g) - 1)
+      real(wp), intent(in) :: field, centre, u(lanes, length)
+      real(wp), intent(inout) :: d(lanes, 1 - history:length + size(g) - 1)
       real(wp), intent(in), optional :: h(0:size(g) - 1)
-      real(wp), intent(inout), optional :: y(lanes, 2 - size(g):length + size(g) - 1)
-      real(wp) :: c(lanes), drawn(lanes), factor(lanes), hazard(lanes), scale
+      real(wp), intent(inout), optional :: y(lanes, 1 - history:length + size(g) - 1)
+      real(wp) :: c(lanes), drawn(lanes), factor(lanes), hazard(lanes), pull, scale
       integer :: i, order
 
       order = ubound(g, 1)
       scale = 1.0_wp/sqrt(g(0))
+      pull = field - 2.0_wp*centre*sum(g(1:))
       do i = 1, length
-         c = scale*(field - neighbours(order, g, x(:, i - order:i + order)))
+         c = scale*(pull - neighbours(order, g, d(:, i - order:i + order)))
          call draw_truncated_lanes(c, u(:, i), drawn, hazard, factor)
-         call place(length, order, is_wound, i, scale*drawn, x)
+         call place(length, order, history, is_wound, i, scale*drawn - centre, d)
          if (.not. present(y)) cycle
          drawn = (drawn - c - hazard)/sqrt(truncated_variance(c, hazard))
-         call place(length, order, is_wound, i, &
+         call place(length, order, history, is_wound, i, &
                     drawn/sqrt(h(0)) - neighbours(order, h, y(:, i - order:i + order))/h(0), y)
       end do
    end subroutine redraw_lanes
@@ -201,15 +192,15 @@ contains
    end function neighbours
 
    !> Stores a value, and its copy beyond the other end of the ring.
-   pure subroutine place(length, order, is_wound, i, value, x)
-      integer, intent(in) :: length, order, i
+   pure subroutine place(length, order, history, is_wound, i, value, x)
+      integer, intent(in) :: length, order, history, i
       logical, intent(in) :: is_wound
       real(wp), intent(in) :: value(lanes)
-      real(wp), intent(inout) :: x(lanes, 1 - order:length + order)
+      real(wp), intent(inout) :: x(lanes, 1 - history:length + order)
 
       x(:, i) = value
       if (i <= order) x(:, length + i) = merge(cshift(value, 1), value, is_wound)
-      if (i > length - order) x(:, i - length) = merge(cshift(value, -1), value, is_wound)
+      if (i > length - history) x(:, i - length) = merge(cshift(value, -1), value, is_wound)
    end subroutine place
 
    !> Computes psi, and its standard error. A start is forgotten at the rate 1 - t (1 - gap): the
@@ -281,11 +272,11 @@ contains
       kappa = reflection_of(a)
       companion = autocovariance_of(kappa, order)/innovation_std(kappa, 1.0_wp)**2
       batches = new_batches(order, order, n_batches)
-      call sample_exact(g, mu*(g(0) + 2.0_wp*sum(g(1:))) + field, a, max(mu, 0.5_wp*b0), &
-                        ring_length, n_burn_in, n_sweeps, stream, batches)
+      call sample_exact(g, mu*(g(0) + 2.0_wp*sum(g(1:))) + field, a, mu, ring_length, n_burn_in, &
+                        n_sweeps, stream, batches)
       weights = -g
       weights(0) = 0.0_wp
-      call estimate_products(batches, companion, weights, mu, slope, standard_error)
+      call estimate_products(batches, companion, weights, slope, standard_error)
    end subroutine sample_slope
 
    !> Entropy per point of x/b0, by E[x_i (G (x - mu))_i] = 1: Eq. (43) with its factor 1/2.

@@ -226,21 +226,17 @@ contains
       end do
    end subroutine arrange_rows
 
-   !> Estimates E sum w_m (x_n - centre)(x_(n+m) - centre), and its standard error.
-   pure subroutine estimate_products(batches, companion, weights, centre, value, standard_error)
+   !> Estimates E sum w_m d_n d_(n-m), and its standard error.
+   pure subroutine estimate_products(batches, companion, weights, value, standard_error)
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:)   !! autocovariance of y, m = 0..n_lags
       real(wp), intent(in) :: weights(0:)     !! w_m, m = 0..n_lags
-      real(wp), intent(in) :: centre          !! [b0]
       real(wp), intent(out) :: value, standard_error
       type(control_type) :: control
-      real(wp) :: rest(size(batches%x, 2)), shift
+      real(wp) :: rest(size(batches%x, 2))
 
       control = controls_of(batches, companion, reshape(weights, [size(weights), 1]), 1)
-      shift = batches%centre - centre
-      call control%free(matmul(weights, batches%x(0:ubound(weights, 1), :)) &
-                        + 2.0_wp*shift*sum(weights)*batches%x(-1, :), value, rest)
-      value = value + sum(weights)*shift**2
+      call control%free(matmul(weights, batches%x(0:ubound(weights, 1), :)), value, rest)
       standard_error = control%standard_error(rest)
    end subroutine estimate_products
 
