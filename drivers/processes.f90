@@ -6,7 +6,7 @@ module driver_processes
    use core_text, only: counted, to_text
    use driver_deadline, only: time_to_stop
    use driver_output, only: output_type
-   use io_process_shards, only: keep_process, read_kept
+   use io_process_results, only: keep_process, read_kept
    use io_progress, only: progress_type
    use numerics_sorting, only: sort_order
    use parallel_work, only: new_counter, work_counter

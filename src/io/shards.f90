@@ -9,7 +9,7 @@ module io_shards
    use io_files, only: remove_file
    use io_hdf5, only: hdf5_file, move_part, open_hdf5
    use io_lock, only: lock_type
-   use io_process_shards, only: is_process_shard
+   use io_process_results, only: is_process_shard
    use io_store, only: finish_file, list_finished, open_own, remove_store, shard_store, start_file
    use numerics_sorting, only: sort_order
    implicit none(type, external)

@@ -8,7 +8,7 @@ program disk_faults
    use core_terminal, only: end_program
    use io_campaign, only: ask_all, keep_block, made_block, made_identity, made_model, write_made_results, &
       write_made_shards
-   use io_process_shards, only: keep_process, read_kept
+   use io_process_results, only: keep_process, read_kept
    use io_shards, only: list_shards, shard_type, verify_shard
    use io_store, only: new_store, shard_store
    use process_model, only: process_model_type
