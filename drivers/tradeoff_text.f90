@@ -143,13 +143,14 @@ contains
       integer, intent(in) :: own
       type(error_components), intent(in) :: errors
       integer, intent(in) :: n_ranks
-      character(:), allocatable :: text
+      character(:), allocatable :: now, text
       real(wp) :: parts(3)   !! of the error of slip
 
       text = 'error now        slip [points] its std  spectrum [%] percentiles [%]  bands [%]'// &
              line_feed//component_text(plan, 'discretisation', errors%discretisation)// &
              component_text(plan, 'time average', errors%time)
       if (is_random(plan)) text = text//component_text(plan, 'Monte Carlo', errors%samples)
+      now = run_time(plan, rows(own), n_ranks)
       parts = [errors%discretisation(slip), errors%time(slip), errors%samples(slip)]
       if (.not. maxval(parts) > 0.0_wp) then
          text = text//labelled('largest', 'none of slip: nothing slips, or all the time')
@@ -198,7 +199,7 @@ contains
          end if
          associate (best => cheapest(rows, 0.5_wp*parts(1), 0.0_wp, by_work=.false.))
             words = setting_text(rows(best)%setting, plan%integration%dt)//', '// &
-                    run_time(plan, rows(best), n_ranks)//' instead of '//now()
+                    run_time(plan, rows(best), n_ranks)//' instead of '//now
          end associate
       end function halved
 
@@ -206,15 +207,8 @@ contains
          real(wp), intent(in) :: times
          character(:), allocatable :: words
 
-         words = run_time(plan, rows(own), n_ranks, times)//' instead of '//now()
+         words = run_time(plan, rows(own), n_ranks, times)//' instead of '//now
       end function as_long
-
-      pure function now() result(words)
-         character(:), allocatable :: words
-
-         words = run_time(plan, rows(own), n_ranks)
-      end function now
-
    end function components_text
 
    !> A component of the error, of all that is published.
@@ -300,54 +294,37 @@ contains
       type(plan_type), intent(in) :: plan
       type(variant_type), intent(in) :: variants(:)
       type(variant_row), intent(in) :: rows(:)
-      character(:), allocatable :: fit, text
+      character(:), allocatable :: bands, fit, head, text
       integer :: i
 
       text = ''
+      head = ''
       do i = 1, size(rows)
-         associate (variant => variants(rows(i)%variant))
-            if (is_first(i)) then
+         associate (row => rows(i), variant => variants(rows(i)%variant))
+            if (heading(variant) /= head) then
+               head = heading(variant)
                if (i > 1) text = text//line_feed
-               text = text//heading(variant)
+               text = text//head
             end if
             fit = 'chosen'
             if (variant%request%fit_steps > 0) fit = to_text(variant%request%fit_steps)
             text = text//merge('* ', '  ', variant%is_own)// &
                    padded(to_text(variant%request%order), 6)//padded(fit, 8)// &
-                   padded(brief(rows(i)%seconds), 8)
-            if (rows(i)%is_reference) then
+                   padded(brief(row%seconds), 8)
+            if (row%is_reference) then
                text = text//'compared with'//line_feed
                cycle
             end if
-            text = text//padded(with_error(rows(i)%slip_mean, rows(i)%slip_mean_error), 19)// &
-                   padded(with_error(rows(i)%slip_std, rows(i)%slip_std_error), 18)// &
-                   change_of_bands(rows(i))//line_feed
+            bands = '-'
+            if (plan%output%spectrum) &
+               bands = with_error(100*row%change(band_ratio), 100*row%error(band_ratio))
+            text = text//padded(with_error(row%change(slip), row%error(slip)), 19)// &
+                   padded(with_error(row%change(slip_std), row%error(slip_std)), 18)// &
+                   bands//line_feed
          end associate
       end do
       if (size(rows) > 0) text = text//'* the scene''s own; the largest change over levels and '// &
                                  'dofs +- standard error'//line_feed
-
-   contains
-
-      pure function change_of_bands(row) result(change)
-         type(variant_row), intent(in) :: row
-         character(:), allocatable :: change
-
-         change = '-'
-         if (plan%output%spectrum) &
-            change = with_error(100*row%band_ratio, 100*row%band_ratio_error)
-      end function change_of_bands
-
-      pure logical function is_first(i)
-         integer, intent(in) :: i
-
-         is_first = i == 1
-         if (is_first) return
-         associate (a => variants(rows(i - 1)%variant), b => variants(rows(i)%variant))
-            is_first = a%process /= b%process .or. (a%is_of_fit .neqv. b%is_of_fit)
-         end associate
-      end function is_first
-
    end function variants_text
 
    pure function heading(variant) result(text)

@@ -15,7 +15,7 @@ module campaign_comparison
    implicit none(type, external)
    private
    public :: difference_type, numerical_error, spectrum_comparison, compare_slip, compare_spectra
-   public :: slip_error, band_ratio_error, band_ratios, ratio_replicates, change_of_ratios
+   public :: slip_error, band_ratio_error, ratio_replicates, change_of_ratios
 
    real(wp), parameter :: points = 100.0_wp   !! of percent in a fraction
 
@@ -76,19 +76,9 @@ contains
       if (allocated(errors%band_ratio%value)) largest = maxval(abs(errors%band_ratio%value))
    end function band_ratio_error
 
-   !> Ratio of the last to the first percentile's pseudo-variance, Eq. (46); 0 for a dof that does
-   !> not move in that share of the samples.
-   pure function band_ratios(psd, percentiles) result(ratio)
-      real(wp), intent(in) :: psd(:, :, :)     !! (dof, frequency, sample); two samples or more
-      real(wp), intent(in) :: percentiles(:)   !! [%], ascending
-      real(wp) :: ratio(size(psd, 1))
-      real(wp) :: ratios(0:size(psd, 3), size(psd, 1))
-
-      ratios = ratio_replicates(psd, percentiles)
-      ratio = ratios(0, :)
-   end function band_ratios
-
-   !> Band ratios of all samples (replicate 0) and of all but the i-th (1..n).
+   !> Ratio of the last to the first percentile's pseudo-variance, Eq. (46), of all samples
+   !> (replicate 0) and of all but the i-th (1..n); 0 for a dof that does not move in that share of
+   !> the samples.
    pure function ratio_replicates(psd, percentiles) result(ratios)
       real(wp), intent(in) :: psd(:, :, :)     !! (dof, frequency, sample); two samples or more
       real(wp), intent(in) :: percentiles(:)   !! [%], ascending

@@ -173,14 +173,21 @@ contains
       call group%put('is_reference', merge(1, 0, rows%is_reference), '1', &
                      '1: the others of this process are compared with it')
       call group%put('seconds', rows%seconds, 's', 'processor time of the fit')
-      call group%put('slip_mean', rows%slip_mean, '%', &
-                     'change of the mean slip fraction, in points')
-      call group%put('slip_mean_error', rows%slip_mean_error, '%', 'standard error of slip_mean')
-      call group%put('slip_std', rows%slip_std, '%', &
-                     'change of the standard deviation of slip fractions, in points')
-      call group%put('slip_std_error', rows%slip_std_error, '%', 'standard error of slip_std')
-      call group%put('band_ratio', rows%band_ratio, '1', 'relative change of the band ratio')
-      call group%put('band_ratio_error', rows%band_ratio_error, '1', 'standard error of band_ratio')
+      call put_change('slip_mean', slip, '%', 'change of the mean slip fraction, in points')
+      call put_change('slip_std', slip_std, '%', &
+                      'change of the standard deviation of slip fractions, in points')
+      call put_change('band_ratio', band_ratio, '1', 'relative change of the band ratio')
+
+   contains
+
+      subroutine put_change(name, place, units, about)
+         character(*), intent(in) :: name, units, about
+         integer, intent(in) :: place   !! among the published numbers
+
+         call group%put(name, rows%change(place), units, about)
+         call group%put(name//'_error', rows%error(place), units, 'standard error of '//name)
+      end subroutine put_change
+
    end subroutine write_variants
 
    !> Writes a row for each order of each process.

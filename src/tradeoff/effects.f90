@@ -6,7 +6,7 @@
 module tradeoff_effects
    use campaign_comparison, only: change_of_ratios, compare_slip, difference_type, numerical_error
    use core_kinds, only: wp
-   use tradeoff_task_results, only: task_result
+   use tradeoff_task_results, only: band_ratio, n_published, slip, slip_std, task_result
    use tradeoff_tasks, only: of_variant, tradeoff_type
    implicit none(type, external)
    private
@@ -18,12 +18,8 @@ module tradeoff_effects
       integer :: variant = 0                   !! of the tradeoff's scope
       logical :: is_reference = .false.
       real(wp) :: seconds = 0.0_wp             !! of a processor, to fit it
-      real(wp) :: slip_mean = 0.0_wp           !! of the mean slip fraction [points]
-      real(wp) :: slip_mean_error = 0.0_wp
-      real(wp) :: slip_std = 0.0_wp            !! of the standard deviation over samples [points]
-      real(wp) :: slip_std_error = 0.0_wp
-      real(wp) :: band_ratio = 0.0_wp          !! relative
-      real(wp) :: band_ratio_error = 0.0_wp
+      real(wp) :: change(n_published) = 0.0_wp   !! of slip, slip_std and band_ratio
+      real(wp) :: error(n_published) = 0.0_wp    !! standard errors of the changes
    end type variant_row
 
 contains
@@ -80,11 +76,11 @@ contains
       type(numerical_error) :: errors
 
       call compare_slip(tested%slip_fraction, reference%slip_fraction, endless, errors)
-      call keep_largest(errors%slip_mean, row%slip_mean, row%slip_mean_error)
-      call keep_largest(errors%slip_std, row%slip_std, row%slip_std_error)
+      call keep_largest(errors%slip_mean, row%change(slip), row%error(slip))
+      call keep_largest(errors%slip_std, row%change(slip_std), row%error(slip_std))
       if (allocated(tested%ratio_without)) &
          call keep_largest(change_of_ratios(tested%ratio_without, reference%ratio_without, &
-                                            endless), row%band_ratio, row%band_ratio_error)
+                                            endless), row%change(band_ratio), row%error(band_ratio))
    end subroutine compare
 
    pure subroutine keep_largest(change, largest, error_of_largest)

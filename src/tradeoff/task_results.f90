@@ -1,7 +1,7 @@
 !> Results of the marches of a tradeoff: each kind of task fills its own components.
 module tradeoff_task_results
    use campaign_bands, only: band_collector, start_bands
-   use campaign_comparison, only: band_ratio_error, band_ratios, compare_slip, compare_spectra, &
+   use campaign_comparison, only: band_ratio_error, compare_slip, compare_spectra, &
       numerical_error, ratio_replicates, slip_error
    use campaign_plan, only: plan_type
    use campaign_results, only: block_result, case_statistics
@@ -106,8 +106,10 @@ contains
          do joint = 1, m
             found(joint, slip_std) = points*standard_deviation(result%slip_fraction(joint, :))
          end do
-         if (plan%output%spectrum) &
-            found(:n, band_ratio) = band_ratios(result%psd, plan%output%percentiles)
+         if (.not. plan%output%spectrum) return
+         associate (ratios => ratio_replicates(result%psd, plan%output%percentiles))
+            found(:n, band_ratio) = ratios(1, :)   ! of all samples
+         end associate
       end associate
    end subroutine find_published
 
