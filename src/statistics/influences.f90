@@ -9,7 +9,7 @@ module statistics_influences
    implicit none(type, external)
    private
    public :: view_type, excess_of, find_influence, find_weights, kappa_of, scale_influences, &
-             thin_view, view_law, weigh_residuals, width_of
+             thin_view, view_law, weigh_residuals, width_of, width_of_densities
 
    integer, parameter, public :: thinning = 4   !! of the points for means of exponentials
    real(wp), parameter :: widest = 3.0_wp   !! E that is allowed for
@@ -74,6 +74,21 @@ contains
       if (of_own > 0.0_wp) &
          width = max(1.0_wp, min(over_law/[of_pool, of_own], widest))
    end function width_of
+
+   !> E of a mean density: its variance over the law, by G and the variance v of G, relative to that
+   !> over the case's samples, each over the square of its mean.
+   pure real(wp) function width_of_densities(weight, share, growth, y) result(width)
+      real(wp), intent(in), contiguous :: weight(:)   !! (some of the points) their sum is 1
+      real(wp), intent(in), contiguous :: share(:)    !! (point) in the mean of exp(G), sum 1
+      real(wp), intent(in), contiguous :: growth(:)   !! (point) exp(v/2)
+      real(wp), intent(in), contiguous :: y(:)        !! (own sample)
+      real(wp) :: of_samples, over_law
+
+      of_samples = variance(y)/(sum(y)/size(y))**2
+      over_law = sum(share**2/weight*growth**4)/dot_product(share, growth)**2 - 1.0_wp
+      width = 1.0_wp
+      if (of_samples > 0.0_wp) width = max(1.0_wp, min(over_law/of_samples, widest))
+   end function width_of_densities
 
    pure real(wp) function variance(values)
       real(wp), intent(in) :: values(:)

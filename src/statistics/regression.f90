@@ -7,7 +7,7 @@ module statistics_regression
    use statistics_estimates, only: estimates_type
    use statistics_influences, only: excess_of, find_influence, find_weights, kappa_of, &
                                     scale_influences, thinning, view_type, weigh_residuals, &
-                                    width_of
+                                    width_of, width_of_densities
    use statistics_percentiles, only: find_quantile
    use statistics_surrogate, only: average_features, fit_type, predict_variance, surrogate_type
    implicit none(type, external)
@@ -231,9 +231,9 @@ contains
       real(wp), intent(in) :: y(:, :)         !! (own sample, output)
       type(estimates_type), intent(out) :: estimate
       real(wp), allocatable :: weighted(:, :), average_row(:, :), average(:, :)
-      real(wp), allocatable :: of_all(:, :), of_samples(:, :), average_of_samples(:, :)
+      real(wp), allocatable :: of_samples(:, :), average_of_samples(:, :)
       real(wp), allocatable :: feature(:, :), variance(:, :), weight(:, :)
-      real(wp) :: each(size(grown, 1)), width(2, size(grown, 2))
+      real(wp) :: each(size(grown, 1)), some_weight(size(view%some_rows, 2)), width(size(grown, 2))
       real(wp) :: mean, part, ratio
       integer :: o
 
@@ -245,13 +245,10 @@ contains
       allocate (estimate%value(size(grown, 2)), estimate%excess(2, size(grown, 2)))
       allocate (estimate%bias, mold=estimate%value)
       call predict_variance(surrogate, fit, view%square, view%rest, variance)
-      of_all = fit%predicted
-      do o = 1, size(of_all, 2)
-         call exponentiate(of_all(:, o))
-      end do
-      of_samples = of_all(view%first:view%last, :)
+      some_weight = view%weight(::thinning)/sum(view%weight(::thinning))
+      of_samples = fit%predicted(view%first:view%last, :)
       do o = 1, size(grown, 2)
-         width(:, o) = width_of(view, grown(:, o), of_all(:, o))
+         call exponentiate(of_samples(:, o))
          each = view%weight*grown(:, o)
          mean = sum(each)
          weighted(:, o) = each(::thinning)/sum(each(::thinning))
@@ -265,6 +262,7 @@ contains
                                  *noise_of(of_samples(:, o), e**2*left))
          end associate
          call exponentiate(variance(:, o))
+         width(o) = width_of_densities(some_weight, weighted(:, o), variance(:, o), y(:, o))
          part = share_of_variance*(mean*dot_product(weighted(:, o), variance(:, o)) &
                                    - estimate%value(o))
          estimate%value(o) = estimate%value(o) + part
@@ -288,7 +286,7 @@ contains
       estimate%kappa = kappa_of(fit, weight)
       call scale_influences(surrogate, estimate)
       do o = 1, size(grown, 2)
-         estimate%excess(:, o) = excess_of(width(:, o), estimate%kappa(o))
+         estimate%excess(:, o) = excess_of(spread(width(o), 1, 2), estimate%kappa(o))
       end do
    end subroutine law_mean_of_exponential
 

@@ -97,7 +97,7 @@ contains
          !> of exp(G) at each point; influences of each point on those of percentiles, and on the
          !> logarithm of the last one's over the first one's
          real(wp) :: power(size(law%weight), 0:size(share_below) + 1)
-         real(wp) :: of_points(0:size(share_below) + 1)
+         real(wp) :: of_points(0:size(share_below) + 1), reach(2)
          integer :: f, k, n, p
 
          n = size(outputs, 2)
@@ -128,11 +128,14 @@ contains
          power(:, n + 1) = power(:, n)/of_percentile(n)%value - power(:, 1)/of_percentile(1)%value
          call error_of_points(law, power, of_points, error)
          if (allocated(error)) return
-         call close_integral(number, of_points(0), of_mean, best%variance_mean, &
-                             best%variance_mean_error, best%variance_mean_ratio)
-         do p = 1, size(share_below)
-            call close_integral(number, of_points(p), of_percentile(p), best%variance(p), &
-                                best%variance_error(p), best%variance_ratio(p))
+         call close_integral(number, of_points(0), of_mean, best%variance_mean, reach, &
+                             best%variance_mean_ratio)
+         best%variance_mean_error = reach(2)
+         do p = 1, size(share_below)   ! the longer side of the logarithm's interval
+            call close_integral(number, of_points(p), of_percentile(p), best%variance(p), reach, &
+                                best%variance_ratio(p))
+            best%variance_error(p) = max(downward_error(best%variance(p), reach(1)), &
+                                         upward_error(best%variance(p), reach(2)))
          end do
          call find_ratio(number, of_points(n + 1), of_percentile(1), of_percentile(n), best)
       end subroutine estimate_case
@@ -165,6 +168,8 @@ contains
          best%mean(first:last) = both%value
          best%mean_error(first:last) = upward_error(both%value, both%stated)
          best%mean_ratio(first:last) = both%ratio
+         allocate (both%stretch(2, n), source=1.0_wp)
+         where (both%stated > 0.0_wp) both%stretch(2, :) = best%mean_error(first:last)/both%stated
          call add_to(integral, both, theirs, [(step, o=1, n)], [(step, o=1, n)])
          integral%value = integral%value + step*sum(both%value)
       end subroutine estimate_means
@@ -207,27 +212,21 @@ contains
          end associate
          call add_to(integral, both, theirs, step*exp(both%value), step*exp(theirs%value))
          integral%value = integral%value + step*sum(exp(both%value))
-         do o = 1, n
-            reach = exp(both%value(o))*norm2(both%influence(:, o))
-            integral%parts = integral%parts + reach
-            integral%stretched = integral%stretched + reach*both%stretch(:, o)
-         end do
       end subroutine estimate_percentiles
 
-      !> Computes the value of an integral, its error and its ratio of errors. The error is that of
-      !> the longer side of the logarithm's interval.
-      pure subroutine close_integral(number, of_points, integral, value, stated, ratio)
+      !> Computes the value of an integral, the errors whose 1.96 its interval reaches down and up,
+      !> and its ratio of errors.
+      pure subroutine close_integral(number, of_points, integral, value, reach, ratio)
          integer, intent(in) :: number
          real(wp), intent(in) :: of_points   !! standard error that they leave
          type(integral_type), intent(in) :: integral
-         real(wp), intent(out) :: value, stated, ratio
-         real(wp) :: reach(2)   ! down, up
+         real(wp), intent(out) :: value, reach(2), ratio
+         real(wp) :: stated
 
          value = integral%value
          call state_error(of_points, pool%n_samples(number), integral%influence, &
                           integral%bias, integral%plain_influence, 1.0_wp, stated, ratio)
          reach = stated*stretch_of(integral)
-         stated = max(downward_error(value, reach(1)), upward_error(value, reach(2)))
       end subroutine close_integral
 
       !> Computes the ratio of the last percentile's integral to the first one's; errors are those
@@ -295,6 +294,8 @@ contains
       type(integral_type), intent(inout) :: integral
       type(estimates_type), intent(in) :: both, plain
       real(wp), intent(in) :: slope(:), plain_slope(:)   !! (output) of the integral
+      real(wp) :: part(size(slope))   ! error
+      integer :: o
 
       if (.not. allocated(integral%influence)) then
          allocate (integral%influence(size(both%influence, 1)), source=0.0_wp)
@@ -303,6 +304,9 @@ contains
       integral%bias = integral%bias + dot_product(slope, both%bias)
       integral%influence = integral%influence + matmul(both%influence, slope)
       integral%plain_influence = integral%plain_influence + matmul(plain%influence, plain_slope)
+      part = [(slope(o)*norm2(both%influence(:, o)), o=1, size(slope))]
+      integral%parts = integral%parts + sum(part)
+      integral%stretched = integral%stretched + matmul(both%stretch, part)
    end subroutine add_to
 
 end module statistics_spectra
