@@ -17,9 +17,8 @@ program regression
    use core_random, only: label_of, new_stream, stream_type
    use io_hdf5, only: hdf5_file, open_hdf5, read_dataset, read_extent
    use numerics_sorting, only: sort_order
-   use numerics_statistics, only: error_of_mean
-   use statistics_estimates, only: end_beyond, estimates_type, plain_percentile, two_sided, &
-                                   upward_error
+   use statistics_estimates, only: end_beyond, estimates_type, plain_percentile, stated_error, &
+                                   two_sided, upward_error
    use statistics_order, only: interval_rank
    use statistics_pool, only: new_pool, pool_type
    use statistics_scalars, only: estimate_scalars, scalar_type
@@ -137,7 +136,8 @@ contains
       integer :: f, p
 
       plain%mean = sum(y, 1)/size(y, 1)
-      plain%mean_error = [(upward_error(plain%mean(f), error_of_mean(y(:, f))), f=1, size(y, 2))]
+      plain%mean_error = [(upward_error(plain%mean(f), stated_error((y(:, f) - plain%mean(f))/n, &
+                                                                    0.0_wp, n)), f=1, size(y, 2))]
       plain%mean_ratio = 0.0_wp*plain%mean + 1.0_wp
       allocate (plain%percentile(size(y, 2), size(share_below)))
       allocate (plain%low, plain%high, mold=plain%percentile)

@@ -177,6 +177,7 @@ contains
                  np => self%columns%n_percentiles)
          statistics%psd_mean = reshape(densities%mean, [n_dof, nf])
          statistics%psd_mean_error = reshape(densities%mean_error, [n_dof, nf])
+         statistics%psd_mean_freedoms = reshape(densities%freedoms, [n_dof, nf])
          statistics%psd_percentiles = reshape(densities%percentiles, [n_dof, nf, np])
          statistics%psd_percentiles_low = reshape(densities%low, [n_dof, nf, np])
          statistics%psd_percentiles_high = reshape(densities%high, [n_dof, nf, np])

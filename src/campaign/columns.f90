@@ -194,6 +194,7 @@ contains
       statistics%std = moments%standard_deviation()
       statistics%mean_error = moments%error_of_mean()
       statistics%std_error = moments%error_of_deviation()
+      statistics%freedoms = moments%freedoms()
       statistics%percentiles = self%at(first:last, :, middle)
       statistics%low = self%at(first:last, :, low)
       statistics%high = self%at(first:last, :, high)

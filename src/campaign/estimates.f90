@@ -2,7 +2,7 @@
 module campaign_estimates
    use campaign_results, only: case_statistics, list_statistics, listed_statistic, of_slip
    use core_kinds, only: wp
-   use statistics_estimates, only: upward_error
+   use statistics_estimates, only: student_factor, upward_error
    use statistics_scalars, only: scalar_type
    use statistics_spectra, only: spectrum_type
    implicit none(type, external)
@@ -125,7 +125,8 @@ contains
          best%band_ratio_bias = plain%band_ratio_bias
          where (.not. ratio%psd_mean > 0.0_wp)
             best%psd_mean = plain%psd_mean
-            best%psd_mean_error = upward_error(plain%psd_mean, plain%psd_mean_error)
+            best%psd_mean_error = upward_error(plain%psd_mean, plain%psd_mean_error &
+                                               *student_factor(plain%psd_mean_freedoms))
             ratio%psd_mean = 1.0_wp
          end where
          where (.not. ratio%psd_percentiles > 0.0_wp)

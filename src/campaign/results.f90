@@ -58,6 +58,7 @@ module campaign_results
    type :: joint_statistics
       real(wp), allocatable :: mean(:), std(:)               !! (joint)
       real(wp), allocatable :: mean_error(:), std_error(:)   !! (joint)
+      real(wp), allocatable :: freedoms(:)                   !! (joint) Student's, of the mean
       real(wp), allocatable :: percentiles(:, :)             !! (joint, percentile)
       real(wp), allocatable :: low(:, :), high(:, :)         !! ends of the intervals
    end type joint_statistics
@@ -72,6 +73,7 @@ module campaign_results
       real(wp), allocatable :: slip_std_time_part(:)     !! (joint) standard deviation it adds
       real(wp), allocatable :: psd_mean(:, :)                     !! (dof, frequency) [m^2/Hz]
       real(wp), allocatable :: psd_mean_error(:, :)               !! (dof, frequency)
+      real(wp), allocatable :: psd_mean_freedoms(:, :)            !! (dof, frequency) Student's
       real(wp), allocatable :: psd_percentiles(:, :, :)           !! (dof, frequency, percentile)
       real(wp), allocatable :: psd_percentiles_low(:, :, :)       !! lower end of the interval
       real(wp), allocatable :: psd_percentiles_high(:, :, :)      !! upper end

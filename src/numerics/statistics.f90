@@ -19,6 +19,7 @@ module numerics_statistics
       procedure :: standard_deviation => deviation_of_moments
       procedure :: error_of_mean => mean_error_of_moments
       procedure :: error_of_deviation => deviation_error_of_moments
+      procedure :: freedoms
    end type moments_type
 
 contains
@@ -120,6 +121,15 @@ contains
 
       error = self%standard_deviation()/sqrt(real(self%n, wp))
    end function mean_error_of_moments
+
+   !> Values that carry the scatter: (sum of squares)^2/(sum of fourth powers) of deviations from
+   !> the mean; all if they are equal.
+   elemental real(wp) function freedoms(self)
+      class(moments_type), intent(in) :: self
+
+      freedoms = self%n
+      if (self%fourth > 0.0_wp) freedoms = self%second**2/self%fourth
+   end function freedoms
 
    !> Standard error of the standard deviation s for a law of any shape: the variance of s^2 is
    !> (m4 - s^4 (n - 3)/(n - 1))/n with the fourth central moment m4, and the relative error of s is

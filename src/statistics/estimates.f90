@@ -7,7 +7,8 @@ module statistics_estimates
    implicit none(type, external)
    private
    public :: estimates_type, blank_estimates, downward_error, end_beyond, inverse_density, &
-             plain_deviation, plain_mean, plain_percentile, stated_error, two_sided, upward_error
+             plain_deviation, plain_mean, plain_percentile, stated_error, student_factor, &
+             two_sided, upward_error
 
    real(wp), parameter :: two_sided = 1.959964_wp   !! standard errors of a 95 % interval
    real(wp), parameter :: least_stretch = 0.5_wp   !! where samples tie; a blend with a fit does not
@@ -95,8 +96,8 @@ contains
          ! the law's share below the order statistic of a rank is rank/(n + 1) in the mean
          plain%bias(o) = n*slope*(rank/(n + 1) - p)
          if (.not. slope > 0.0_wp) cycle
-         factor = 1.0_wp/student_factor(plain%influence(:, o), &
-                                        sum_of_squares(plain%influence(:, o)))
+         factor = 1.0_wp/student_factor(freedoms_of(plain%influence(:, o), &
+                                                    sum_of_squares(plain%influence(:, o))))
          plain%stretch(:, o) = max(least_stretch, merge(factor, 1.0_wp, has_ends) &
                                    *[slope_between(sorted, rank - two_sided*scatter, rank), &
                                      slope_between(sorted, rank, rank + two_sided*scatter)]/slope)
@@ -192,7 +193,7 @@ contains
 
       square = sum_of_squares(influence)
       error = abs(bias)
-      if (square > 0.0_wp) error = hypot(student_factor(influence, square) &
+      if (square > 0.0_wp) error = hypot(student_factor(freedoms_of(influence, square)) &
                                          *sqrt(square*n_samples/(n_samples - 1.0_wp)), bias)
    end function stated_error
 
@@ -208,8 +209,8 @@ contains
       end do
    end function sum_of_squares
 
-   !> Two-sided 95 % point of Student's law over that of the normal one.
-   pure real(wp) function student_factor(influence, square)
+   !> Degrees of freedom of an error: (sum of squares)^2/(sum of fourth powers).
+   pure real(wp) function freedoms_of(influence, square)
       real(wp), intent(in), contiguous :: influence(:)   !! (sample), not all 0
       real(wp), intent(in) :: square                     !! sum of their squares
       real(wp) :: fourth, scale
@@ -221,8 +222,8 @@ contains
       do i = 1, size(influence)
          fourth = fourth + (scale*influence(i))**4
       end do
-      student_factor = student_point(1.0_wp/fourth)/two_sided
-   end function student_factor
+      freedoms_of = 1.0_wp/fourth
+   end function freedoms_of
 
    !> The standard error of a number that is not negative, such that 1.96 of it reach as far as
    !> those of its logarithm do upwards: where the large samples that carry it are missing, the
@@ -243,17 +244,17 @@ contains
       downward_error = value*(1.0_wp - exp(-two_sided*error/max(value, tiny(value))))/two_sided
    end function downward_error
 
-   !> Two-sided 95 % point of Student's law, by the expansion of Cornish and Fisher to 1/v^3
-   !> (Abramowitz and Stegun 26.7.5): 3 % low at v = 3.
-   pure real(wp) function student_point(freedoms)
+   !> Two-sided 95 % point of Student's law over that of the normal one, by the expansion of Cornish
+   !> and Fisher to 1/v^3 (Abramowitz and Stegun 26.7.5): 3 % low at v = 3.
+   elemental real(wp) function student_factor(freedoms)
       real(wp), intent(in) :: freedoms
       real(wp) :: v
 
       v = max(freedoms, fewest_freedoms)
       associate (z => two_sided)
-         student_point = z + (z**3 + z)/(4*v) + (5*z**5 + 16*z**3 + 3*z)/(96*v**2) &
-                         + (3*z**7 + 19*z**5 + 17*z**3 - 15*z)/(384*v**3)
+         student_factor = 1.0_wp + (z**2 + 1.0_wp)/(4*v) + (5*z**4 + 16*z**2 + 3.0_wp)/(96*v**2) &
+                          + (3*z**6 + 19*z**4 + 17*z**2 - 15.0_wp)/(384*v**3)
       end associate
-   end function student_point
+   end function student_factor
 
 end module statistics_estimates
