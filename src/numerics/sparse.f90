@@ -13,7 +13,6 @@ module numerics_sparse
       real(wp), allocatable :: value(:)    !! (entry)
    contains
       procedure :: multiply
-      procedure :: row_times
       procedure :: row_of_entries
    end type sparse_matrix
 
@@ -65,19 +64,6 @@ contains
          y(i) = total
       end do
    end subroutine put_products
-
-   !> Product of one row with a vector.
-   pure real(wp) function row_times(self, row, vector) result(total)
-      class(sparse_matrix), intent(in) :: self
-      integer, intent(in) :: row
-      real(wp), intent(in) :: vector(:)   !! (column)
-      integer :: k
-
-      total = 0.0_wp
-      do k = self%start(row), self%start(row + 1) - 1
-         total = total + self%value(k)*vector(self%column(k))
-      end do
-   end function row_times
 
    !> The row of each entry.
    pure function row_of_entries(self) result(row)

@@ -45,7 +45,7 @@ module dynamics_newmark_block
       type(newmark_try), allocatable :: tries(:)
       real(wp), allocatable :: change(:, :)    !! (try, force) in the step tried [N]
       integer, allocatable :: list(:)          !! (joint)
-      real(wp), allocatable :: factor(:, :)    !! (joint, 0:joint)
+      real(wp), allocatable :: factor(:, :)    !! (joint + 1, joint)
       real(wp), allocatable :: margin(:, :)    !! (row, 0:1) at both ends of a step
       real(wp), private :: tick_size = 0.0_wp     !! [s]
       type(aligned_memory), private :: memory
@@ -95,7 +95,7 @@ contains
       allocate (block%pattern(samples), block%list(m + 1), source=0)
       allocate (block%tries(samples))
       allocate (block%work(2, samples), block%change(samples, block%n_forces), &
-                block%factor(m, 0:m), block%margin(rows, 0:1), source=0.0_wp)
+                block%factor(m + 1, m), block%margin(rows, 0:1), source=0.0_wp)
       call block%memory%start(10_long*rows*samples)
       call block%memory%take([rows, 3, 2*samples], planes)
       block%motion(1:rows, 1:3, 0:1, 1:samples) => planes

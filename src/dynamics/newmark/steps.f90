@@ -18,7 +18,6 @@ module dynamics_newmark_steps
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_response, only: march_work
    use numerics_lapack, only: solve_positive_definite, unit_matrix
-   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: newmark_steps, new_newmark_steps
@@ -33,15 +32,13 @@ module dynamics_newmark_steps
       !> (6, level) of a0, a1 in v1; of v0 (so h), a0, a1 in x1; (1 - gamma)/gamma
       real(wp), allocatable :: weight(:, :)
       real(wp), allocatable :: share(:)           !! (level) h/dt
-      !> a1 from a0 and v0 of the dofs and the changes of the forces (row, column, entry n_patterns
-      !> level + pattern from 0); of long frames the rows of the dofs alone
+      !> a1 from a0 and v0 of the dofs, the changes of the forces and, in long frames, the springs
+      !> of slipping joints, S^-1 W (row, column, entry n_patterns level + pattern from 0)
       real(wp), pointer, contiguous :: map(:, :, :) => null()
       integer :: columns = narrow                 !! of each of the first two factors
       integer :: n_patterns = 1
-      !> Long frames: (2, column, level) rows of the map that count, the same for four columns;
-      !> S^-1 W (row, joint, level) and its rows that count; 1/k (joint)
+      !> Long frames: (2, 4 columns, level) rows of the map that count, (2, joint, level) of S^-1 W
       integer, allocatable :: span(:, :, :), gain_span(:, :, :)
-      real(wp), allocatable :: gain(:, :, :), compliance(:)
       type(aligned_memory), private :: memory
    contains
       procedure :: try
@@ -58,11 +55,11 @@ contains
       real(wp), intent(in) :: beta, gamma
       type(newmark_steps), intent(out) :: steps
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: inverse(:, :), stiffness(:, :)
+      real(wp), allocatable :: stiffness(:, :)
       real(wp), pointer, contiguous :: planes(:, :, :)
       real(wp) :: h
       logical :: is_stuck(frame%structure%n_joints)
-      integer :: entries, j, level, pattern
+      integer :: columns, entries, j, level, pattern
 
       steps%frame = frame
       steps%max_halvings = max_halvings
@@ -75,125 +72,94 @@ contains
                                    h**2*beta, (1.0_wp - gamma)/gamma]
       end do
       steps%columns = merge(narrow, frame%n_padded, frame%is_short .and. frame%n_dof <= narrow)
-      if (frame%is_short) steps%n_patterns = 2**frame%structure%n_joints
-      entries = steps%n_patterns*(max_halvings + 1)
-      associate (columns => 2*steps%columns + frame%structure%n_forces)
-         call steps%memory%start(int(frame%n_padded, long)*columns*entries)
-         call steps%memory%take([frame%n_padded, columns, entries], planes)
-         steps%map(1:, 1:, 0:) => planes
-      end associate
-      if (.not. frame%is_short) then
-         associate (joints => frame%structure%n_joints)
-            allocate (steps%gain(frame%n_padded, joints, 0:max_halvings), source=0.0_wp)
-            allocate (steps%gain_span(2, joints, 0:max_halvings))
-            allocate (steps%span(2, 2*steps%columns, 0:max_halvings))
-         end associate
-         steps%compliance = 1.0_wp/frame%structure%joint_stiffness
+      columns = 2*steps%columns + frame%structure%n_forces
+      if (frame%is_short) then
+         steps%n_patterns = 2**frame%structure%n_joints
+      else
+         columns = columns + frame%structure%n_joints
+         allocate (steps%span(2, steps%columns/2, 0:max_halvings))
+         allocate (steps%gain_span(2, frame%structure%n_joints, 0:max_halvings))
       end if
+      entries = steps%n_patterns*(max_halvings + 1)
+      call steps%memory%start(int(frame%n_padded, long)*columns*entries)
+      call steps%memory%take([frame%n_padded, columns, entries], planes)
+      steps%map(1:, 1:, 0:) => planes
       do pattern = 0, steps%n_patterns - 1
          is_stuck = [(btest(pattern, j - 1) .or. .not. frame%is_short, j=1, size(is_stuck))]
          stiffness = frame%structure%stuck_stiffness(is_stuck)
          do level = 0, max_halvings
-            call inverse_of(frame%structure, stiffness, steps%weight(3, level), beta, gamma, &
-                            inverse, error)
+            call put_map(stiffness, level, steps%n_patterns*level + pattern, beta, gamma, steps, &
+                         error)
             if (allocated(error)) return
-            call put_map(frame, stiffness, inverse, beta, gamma, steps%weight(:, level), &
-                         steps%map(:, :, steps%n_patterns*level + pattern))
-            if (.not. frame%is_short) call put_gain(frame, inverse, level, steps)
          end do
       end do
    end subroutine new_newmark_steps
 
-   !> Finds S^-1 for one stiffness and length of step.
-   subroutine inverse_of(structure, stiffness, h, beta, gamma, inverse, error)
-      type(structure_type), intent(in) :: structure
-      real(wp), intent(in) :: stiffness(:, :), h, beta, gamma
-      real(wp), allocatable, intent(out) :: inverse(:, :)
+   !> Puts the factors of one pattern and level, and finds what counts in those of a long frame.
+   !> Columns without a factor stay zero.
+   subroutine put_map(stiffness, level, entry, beta, gamma, steps, error)
+      real(wp), intent(in) :: stiffness(:, :)   !! K of the pattern
+      integer, intent(in) :: level, entry
+      real(wp), intent(in) :: beta, gamma
+      type(newmark_steps), intent(inout) :: steps
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: s(:, :)
+      real(wp) :: inverse(steps%frame%n_dof, steps%frame%n_dof)   ! S^-1
+      real(wp) :: full(steps%frame%n_dof, size(steps%map, 2))
+      real(wp), allocatable :: s(:, :), mobility(:, :)
+      integer :: i
 
-      s = structure%mass + gamma*h*structure%damping + beta*h**2*stiffness
-      allocate (inverse, source=unit_matrix(size(s, 1)))
-      call solve_positive_definite(s, inverse, error)
-   end subroutine inverse_of
-
-   !> Puts the three factors of one pattern and level; what is not put stays zero.
-   pure subroutine put_map(frame, stiffness, inverse, beta, gamma, weight, map)
-      type(newmark_frame), intent(in) :: frame
-      real(wp), intent(in), dimension(:, :) :: stiffness, inverse   !! K of the pattern, S^-1
-      real(wp), intent(in) :: beta, gamma, weight(6)
-      real(wp), intent(inout) :: map(:, :)   !! (row, column)
-      real(wp) :: full(frame%n_dof, size(map, 2))
-      integer :: columns, i
-
-      associate (structure => frame%structure, h => weight(3), n => frame%n_dof)
-         columns = (size(map, 2) - structure%n_forces)/2
+      associate (structure => steps%frame%structure, h => steps%weight(3, level), &
+                 n => steps%frame%n_dof, columns => steps%columns, &
+                 map => steps%map(:steps%frame%n_rows, :, entry))
+         s = structure%mass + gamma*h*structure%damping + beta*h**2*stiffness
+         inverse = unit_matrix(n)
+         call solve_positive_definite(s, inverse, error)
+         if (allocated(error)) return
          full = 0.0_wp
          full(:, :n) = matmul(inverse, structure%mass/gamma &
                               - (h**2*(0.5_wp - beta/gamma))*stiffness)
          do i = 1, n
-            full(i, i) = full(i, i) - weight(6)
+            full(i, i) = full(i, i) - steps%weight(6, level)
          end do
          full(:, columns + 1:columns + n) = -h*matmul(inverse, stiffness)
-         full(:, 2*columns + 1:) = matmul(inverse, structure%load)
-         if (frame%is_short) then
-            map(:frame%n_rows, :) = frame%rows_of(full)
-         else
-            map(:n, :) = full
-         end if
-      end associate
-   end subroutine put_map
-
-   !> Finds S^-1 W of one level, and the rows that count in it and in the map.
-   pure subroutine put_gain(frame, inverse, level, steps)
-      type(newmark_frame), intent(in) :: frame
-      real(wp), intent(in) :: inverse(:, :)   !! S^-1
-      integer, intent(in) :: level
-      type(newmark_steps), intent(inout) :: steps
-      real(wp) :: at_joints(frame%structure%n_joints), mobility(frame%n_rows), size_of(frame%n_dof)
-      integer :: i, j
-
-      associate (n => frame%n_dof, columns => steps%columns, gain => steps%gain(:, :, level), &
-                 map => steps%map(:, :, level), span => steps%span(:, :, level))
-         gain(:frame%n_rows, :) = frame%rows_of(matmul(inverse, frame%structure%direction))
-         at_joints = [(gain(frame%row(j), j), j=1, size(at_joints))]
-         mobility(:n) = [(inverse(i, i), i=1, n)]
-         mobility(frame%row) = at_joints
-         steps%gain_span(:, :, level) = span_of(gain(:frame%n_rows, :), mobility, at_joints)
-         span(1, :) = huge(span)   ! none
-         span(2, :) = 0
-         size_of = [(abs(map(i, i)), i=1, n)]
-         span(:, :n) = span_of(map(:n, :n), size_of*mobility(:n), size_of/mobility(:n))
-         ! a = omega v counts beside of_v v, omega = sqrt(|of_v|/h)
-         size_of = [(sqrt(abs(map(i, columns + i))/steps%weight(3, level)), i=1, n)]
-         span(:, columns + 1:columns + n) = span_of(map(:n, columns + 1:columns + n), &
-                                                    size_of*mobility(:n), size_of/mobility(:n))
-         do j = 1, 2*columns, 4
-            span(1, j:j + 3) = minval(span(1, j:j + 3))
-            span(2, j:j + 3) = maxval(span(2, j:j + 3))
+         associate (first => 2*columns + 1, last => 2*columns + structure%n_forces)
+            full(:, first:last) = matmul(inverse, structure%load)
+            if (.not. steps%frame%is_short) &
+               full(:, last + 1:) = matmul(inverse, structure%direction)
+         end associate
+         map = steps%frame%rows_of(full)
+         if (steps%frame%is_short) return
+         mobility = transpose(steps%frame%rows_of(inverse))   ! apart: gfortran 12 would not copy
+         mobility = steps%frame%rows_of(mobility)
+         do i = 1, columns/2
+            steps%span(:, i, level) = span_of(map(:, 4*i - 3:4*i), mobility)
+         end do
+         do i = 1, structure%n_joints
+            associate (column => size(map, 2) - structure%n_joints + i)
+               steps%gain_span(:, i, level) = span_of(map(:, column:column), mobility)
+            end associate
          end do
       end associate
-   end subroutine put_gain
+   end subroutine put_map
 
    !> From the first to the last row, in whole registers, in which a column counts; none where all
    !> is zero. What is left out changes no product beyond rounding, measured by the energy that S
    !> stands for.
-   pure function span_of(matrix, of_row, of_column) result(span)
-      real(wp), intent(in) :: matrix(:, :), of_row(:), of_column(:)   !! sizes, squared
-      integer :: span(2, size(matrix, 2))
-      real(wp) :: least
+   pure function span_of(matrix, mobility) result(span)
+      real(wp), intent(in) :: matrix(:, :)     !! (row, column)
+      real(wp), intent(in) :: mobility(:, :)   !! Z S^-1 Z' (row, row)
+      integer :: span(2)
+      real(wp) :: effect(size(matrix, 1))
+      logical :: counts(size(matrix, 1))
       integer :: i, j
 
-      least = epsilon(1.0_wp)/size(matrix, 1)
-      span(1, :) = huge(span)
-      span(2, :) = 0
+      counts = .false.
       do j = 1, size(matrix, 2)
-         do i = 1, size(matrix, 1)
-            if (abs(matrix(i, j)) <= least*sqrt(of_row(i)*of_column(j))) cycle
-            span(1, j) = min(span(1, j), i - modulo(i - 1, register_width))
-            span(2, j) = whole_registers(i)
-         end do
+         effect = [(abs(matrix(i, j))/sqrt(mobility(i, i)), i=1, size(effect))]
+         counts = counts .or. effect > epsilon(1.0_wp)/size(effect)*maxval(effect)
       end do
+      span(1) = 1 + register_width*((findloc(counts, .true., 1) - 1)/register_width)
+      span(2) = whole_registers(findloc(counts, .true., 1, back=.true.))
    end function span_of
 
    !> Work of a step of dt, in multiplications of the exact march. A transition is found and left by
@@ -207,7 +173,7 @@ contains
       work%step = of_try + size(self%map, 1)*size(self%map, 2)
       if (allocated(self%span)) &
          work%step = of_try + of_release + of_row*size(self%map, 1) &
-                     + narrower*sum(max(0, self%span(2, :, 0) - self%span(1, :, 0) + 1))
+                     + narrower*4*sum(self%span(2, :, 0) - self%span(1, :, 0) + 1)
       work%transition = (1.0_wp + 1.5_wp*self%max_halvings)*work%step + of_switch
    end function work
 
@@ -250,85 +216,81 @@ contains
       real(wp), intent(in), contiguous :: bounds(:, :), old(:, :)
       real(wp), intent(inout), contiguous :: new(:, :)
       integer, intent(inout), contiguous :: list(:)            !! room
-      real(wp), intent(inout), contiguous :: factor(:, 0:)     !! room
+      real(wp), intent(inout), contiguous :: factor(:, :)      !! room
       integer(long), intent(out) :: has_passed
-      integer :: f, j, m, r
+      integer :: f, j, m
 
-      associate (rows => size(new, 1), columns => self%columns)
-         call multiply(rows, 2*columns, self%span(:, :, level), self%map(:, :, level), old, new)
+      associate (rows => size(new, 1), columns => 2*self%columns)
+         call multiply(rows, columns, self%span(:, :, level), self%map(:, :, level), old, new)
          do f = 1, size(change)
-            new(:, 1) = new(:, 1) + self%map(:, 2*columns + f, level)*change(f)
-         end do
-         do r = self%frame%n_dof + 1, self%frame%n_rows
-            new(r, 1) = self%frame%rows%row_times(r, new(:, 1))
+            new(:, 1) = new(:, 1) + self%map(:, columns + f, level)*change(f)
          end do
          m = 0
-         do j = 1, size(factor, 1)   ! without a branch, for nobody can guess it
+         do j = 1, size(factor, 2)   ! without a branch, for nobody can guess it
             list(m + 1) = j
             m = m + merge(0, 1, bounds(self%frame%row(j), 4) > 0.0_wp)
          end do
-         if (m > 0) call release(self, level, list(:m), old, factor, new(:, 1))
+         call release(self, level, list(:m), old, self%map(:, columns + size(change) + 1:, level), &
+                      factor, new(:, 1))
          call end_try(rows, self%weight(:, level), bounds, old, new, has_passed)
       end associate
    end subroutine try_long
 
    !> Finds a = A f, four columns at a time.
    pure subroutine multiply(rows, n, span, matrix, f, a)
-      integer, intent(in) :: rows, n, span(2, n)
+      integer, intent(in) :: rows, n, span(2, n/4)
       real(wp), intent(in) :: matrix(rows, n), f(n)
       real(wp), intent(inout) :: a(rows)
       integer :: i, j
 
       a = 0.0_wp
       do j = 1, n, 4
-         do i = span(1, j), span(2, j)   ! the same for these four
+         do i = span(1, (j + 3)/4), span(2, (j + 3)/4)
             a(i) = a(i) + ((matrix(i, j)*f(j) + matrix(i, j + 1)*f(j + 1)) &
                            + (matrix(i, j + 2)*f(j + 2) + matrix(i, j + 3)*f(j + 3)))
          end do
       end do
    end subroutine multiply
 
-   !> Lets the listed joints slip, a by a + S^-1 W g. By factors L D L' made here and not by LAPACK,
-   !> whose calls cost more than these few rows.
-   pure subroutine release(self, level, list, old, factor, a)
+   !> Lets the listed joints slip, a by a + S^-1 W g. Column j of `factor` has row j of the matrix
+   !> from its diagonal on, then its right side, at last g. By elimination made here and not by
+   !> LAPACK, whose calls cost more than these few rows.
+   pure subroutine release(self, level, list, old, gain, factor, a)
       type(newmark_steps), intent(in) :: self
       integer, intent(in) :: level, list(:)
-      real(wp), intent(in), contiguous :: old(:, :)
-      real(wp), intent(inout), contiguous :: factor(:, 0:), a(:)   !! factor: g in column 0
-      real(wp) :: pivot, share
+      real(wp), intent(in), contiguous :: old(:, :), gain(:, :)   !! gain: S^-1 W
+      real(wp), intent(inout), contiguous :: factor(:, :), a(:)
+      real(wp) :: share
       integer :: i, j, k, m
 
       m = size(list)
-      associate (weight => self%weight(:, level), gain => self%gain(:, :, level), &
-                 span => self%gain_span(:, :, level), row => self%frame%row)
+      associate (weight => self%weight(:, level), row => self%frame%row, &
+                 span => self%gain_span(:, :, level), &
+                 stiffness => self%frame%structure%joint_stiffness)
          do j = 1, m
             do i = j, m
                factor(i, j) = -weight(5)*gain(row(list(i)), list(j))
             end do
-            factor(j, j) = factor(j, j) + self%compliance(list(j))
-            factor(j, 0) = weight(3)*old(row(list(j)), 2) + weight(4)*old(row(list(j)), 1) &
-                           + weight(5)*a(row(list(j)))
+            factor(j, j) = factor(j, j) + 1.0_wp/stiffness(list(j))
+            factor(m + 1, j) = weight(3)*old(row(list(j)), 2) + weight(4)*old(row(list(j)), 1) &
+                               + weight(5)*a(row(list(j)))
          end do
          do j = 1, m
-            pivot = 1.0_wp/factor(j, j)
+            factor(j, j) = 1.0_wp/factor(j, j)
             do i = j + 1, m
-               share = factor(i, j)*pivot
-               do k = i, m
-                  factor(k, i) = factor(k, i) - factor(k, j)*share
+               share = factor(i, j)*factor(j, j)
+               do k = i, m + 1
+                  factor(k, i) = factor(k, i) - share*factor(k, j)
                end do
-               factor(i, 0) = factor(i, 0) - factor(j, 0)*share
-            end do
-            factor(j, 0) = factor(j, 0)*pivot
-            do k = j + 1, m
-               factor(k, j) = factor(k, j)*pivot
             end do
          end do
          do j = m, 1, -1
             do i = j + 1, m
-               factor(j, 0) = factor(j, 0) - factor(i, j)*factor(i, 0)
+               factor(m + 1, j) = factor(m + 1, j) - factor(i, j)*factor(m + 1, i)
             end do
+            factor(m + 1, j) = factor(m + 1, j)*factor(j, j)
             do i = span(1, list(j)), span(2, list(j))
-               a(i) = a(i) + gain(i, list(j))*factor(j, 0)
+               a(i) = a(i) + gain(i, list(j))*factor(m + 1, j)
             end do
          end do
       end associate
