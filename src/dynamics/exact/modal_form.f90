@@ -119,7 +119,9 @@ contains
       k = self%n_kept - 2*m
       self%n_groups = group_of(self%paths%n_samples)
       self%modes = 0.0_wp
-      call self%sliders%list_all()
+      self%sliders%has_switched = .true.   ! regimes are given
+      self%sliders%n_moved = m
+      self%sliders%moved(:m, :) = spread([(l, l=1, m)], 2, groups)
       self%paths%x = 0.0_wp
       do l = 1, self%paths%n_samples
          w = self%paths%first_sample + l - 1

@@ -19,13 +19,13 @@ module dynamics_exact_modal_sliders
       real(wp), pointer, contiguous :: moves(:, :, :) => null()       !! (lane, joint, group) 1 or 0
       real(wp), pointer, contiguous :: motion(:, :, :) => null()   !! e! x_e (lane, entry, e)
       real(wp), pointer, contiguous :: moments(:, :, :, :) => null()  !! (lane, joint, 0:, group) I
-      !> moved(:n_moved(group), group): joints, ascending, whose sliders move in some lane
+      !> moved(:n_moved(group), group): joints, ascending, whose sliders move in some lane; where some
+      !> has switched, or regimes are given, those that may
       integer, allocatable :: n_moved(:), moved(:, :)
       logical, allocatable :: has_switched(:)   !! (group) some joint has since `follow`
       type(aligned_memory), private :: memory
    contains
       procedure :: start
-      procedure :: list_all
       procedure :: follow
       procedure :: switch
    end type moving_sliders
@@ -47,16 +47,6 @@ contains
       allocate (self%n_moved(groups), self%moved(n_joints + 1, groups), source=0)
       allocate (self%has_switched(groups), source=.true.)
    end subroutine start
-
-   !> Lists all joints: the next `follow` finds which of them move.
-   pure subroutine list_all(self)
-      class(moving_sliders), intent(inout) :: self
-      integer :: j
-
-      self%has_switched = .true.
-      self%n_moved = size(self%moved, 1) - 1
-      self%moved = spread([(j, j=1, size(self%moved, 1))], 2, groups)
-   end subroutine list_all
 
    !> Lists a joint that switches within the part.
    pure subroutine switch(self, g, joint)
