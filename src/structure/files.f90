@@ -138,11 +138,7 @@ contains
          call complaints%add_general(paths%joints//': must hold one joint or more')
       if (complaints%n > n_before) return
       structure%n_joints = table%n_rows
-      structure%joint_stiffness = table%value(n_dofs + 1, :)
-      structure%normal_load = table%value(n_dofs + 2, :)
-      structure%joint_friction = table%value(n_dofs + 3, :)
-      call check_properties(structure, table, complaints)
-      call read_points(table, n_dofs + 4, structure, complaints)
+      call read_properties(table, n_dofs, structure, complaints)
       if (n_dofs == 2) then
          call read_pairs(table, structure, complaints)
       else
@@ -173,41 +169,35 @@ contains
       end do
    end subroutine read_directions
 
-   !> Checks the rules of one joint, by the line that breaks them.
-   subroutine check_properties(structure, table, complaints)
-      type(structure_type), intent(in) :: structure
+   !> Reads stiffness, normal load and friction of each joint, and the point of the process that
+   !> gives it its friction; without: its row.
+   subroutine read_properties(table, n_dofs, structure, complaints)
       type(table_type), intent(in) :: table
-      type(complaint_list), intent(inout) :: complaints
-      integer :: j
-
-      do j = 1, structure%n_joints
-         if (.not. structure%joint_stiffness(j) > 0.0_wp) &
-            call table%refuse_row(j, 'stiffness', to_text(structure%joint_stiffness(j)), &
-                                  'must be positive', complaints)
-         if (structure%normal_load(j) < 0.0_wp) &
-            call table%refuse_row(j, 'normal_load', to_text(structure%normal_load(j)), &
-                                  'must be zero or positive', complaints)
-         if (structure%joint_friction(j) < 0.0_wp) &
-            call table%refuse_row(j, 'friction', to_text(structure%joint_friction(j)), &
-                                  'must be zero or positive', complaints)
-      end do
-   end subroutine check_properties
-
-   !> Reads the point of the process that gives each joint its friction; without: its row.
-   subroutine read_points(table, column, structure, complaints)
-      type(table_type), intent(in) :: table
-      integer, intent(in) :: column
+      integer, intent(in) :: n_dofs   !! columns before them
       type(structure_type), intent(inout) :: structure
       type(complaint_list), intent(inout) :: complaints
-      integer :: j
+      character(*), parameter :: names(3) = [character(11) :: 'stiffness', 'normal_load', &
+                                             'friction']
+      character(*), parameter :: rules(3) = [character(24) :: 'must be positive', &
+                                             'must be zero or positive', 'must be zero or positive']
+      integer :: i, j
 
+      structure%joint_stiffness = table%value(n_dofs + 1, :)
+      structure%normal_load = table%value(n_dofs + 2, :)
+      structure%joint_friction = table%value(n_dofs + 3, :)
       structure%friction_point = [(j, j=1, table%n_rows)]
       do j = 1, table%n_rows
-         if (table%n_columns(j) < column) cycle
-         call read_count(table, j, column, 'friction_point', 1, most_points, &
-                         structure%friction_point(j), complaints)
+         do i = 1, 3
+            associate (value => table%value(n_dofs + i, j))
+               if (value > 0.0_wp .or. (i > 1 .and. .not. value < 0.0_wp)) cycle
+               call table%refuse_row(j, trim(names(i)), to_text(value), trim(rules(i)), complaints)
+            end associate
+         end do
+         if (table%n_columns(j) == n_dofs + 4) &
+            call read_count(table, j, n_dofs + 4, 'friction_point', 1, most_points, &
+                            structure%friction_point(j), complaints)
       end do
-   end subroutine read_points
+   end subroutine read_properties
 
    !> Puts +1 at dof_a, -1 at dof_b, which is 0 for the ground.
    subroutine read_pairs(table, structure, complaints)
