@@ -28,6 +28,7 @@ module structure_model
       integer, allocatable :: friction_point(:)      !! (joint) point of the process that gives mu_j
       real(wp), allocatable :: load(:, :)            !! b (dof, force)
       real(wp), allocatable :: damping_ratio(:)      !! (mode), all joints stuck; size 0: not modal
+      real(wp) :: fastest_decay = 0.0_wp             !! largest eigenvalue of M^-1 C [1/s]
       integer :: n_zero_modes = 0                    !! all joints stuck: motion without force
       real(wp), allocatable :: frequencies_stuck(:)  !! (mode) [Hz], ascending
       real(wp), allocatable :: modes_stuck(:, :)     !! Phi (dof, mode), Phi' M Phi = 1
@@ -109,11 +110,14 @@ contains
             call raise(error, exit_bad_input, name//': a damping matrix must not feed energy: '// &
                        'its least eigenvalue over M is '//to_text(decay(1))//' 1/s')
          structure%damping = damping%matrix
+         structure%fastest_decay = maxval(decay)
       else if (any(abs(damping%rayleigh) > 0.0_wp)) then
          if (any(damping%rayleigh < 0.0_wp)) &
             call raise(error, exit_bad_input, name//': rayleigh must be zero or positive')
          structure%damping = damping%rayleigh(1)*structure%mass + &
                              damping%rayleigh(2)*structure%stiffness
+         structure%fastest_decay = damping%rayleigh(1) + damping%rayleigh(2) &
+                                   *(two_pi*maxval(structure%frequencies_slip))**2
       else if (all(size(damping%ratio) /= [1, structure%n_dof])) then
          call raise(error, exit_bad_input, name//': holds '//to_text(size(damping%ratio))// &
                     ' values: must be one, or one for each of the '//to_text(structure%n_dof)// &
@@ -126,6 +130,8 @@ contains
             structure%damping_ratio = spread(damping%ratio(1), 1, structure%n_dof)
          structure%damping = modal_damping(structure%mass, structure%modes_stuck, &
                                            structure%damping_ratio, structure%frequencies_stuck)
+         structure%fastest_decay = 2.0_wp*two_pi*maxval(structure%frequencies_stuck &
+                                                        *structure%damping_ratio)
       end if
    end subroutine form_damping
 

@@ -101,19 +101,10 @@ contains
    pure function fastest_rate(structure) result(rate)
       type(structure_type), intent(in) :: structure
       real(wp) :: rate
-      real(wp) :: half_c, root(structure%n_dof)
-      integer :: i
 
-      if (size(structure%damping_ratio) > 0) then
-         half_c = two_pi*maxval(structure%frequencies_stuck*structure%damping_ratio)
-      else   ! the largest row sum of |M^-1/2 C M^-1/2| bounds its eigenvalues
-         root = sqrt(structure%lumped_mass())
-         half_c = 0.0_wp
-         do i = 1, structure%n_dof
-            half_c = max(half_c, 0.5_wp*sum(abs(structure%damping(:, i))/root)/root(i))
-         end do
-      end if
-      rate = half_c + sqrt(half_c**2 + (two_pi*maxval(structure%frequencies_stuck))**2)
+      associate (half_c => 0.5_wp*structure%fastest_decay)
+         rate = half_c + sqrt(half_c**2 + (two_pi*maxval(structure%frequencies_stuck))**2)
+      end associate
    end function fastest_rate
 
    !> The lowest degree with at most such an error in one part (1).
