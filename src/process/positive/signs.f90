@@ -27,7 +27,7 @@ contains
    subroutine find_maximum(law)
       type(sampled_objective), intent(inout) :: law   !! begun with its metric, where that fits
       real(wp), parameter :: near = 0.05_wp, stationary = 0.01_wp
-      integer, parameter :: max_iterations(2) = [40, 80]   ! with a Gaussian process, and without
+      integer, parameter :: max_iterations(2) = [25, 80]   ! with a Gaussian process, and without
       real(wp), allocatable :: room(:)
       real(wp) :: tolerance
       integer :: i, p
