@@ -15,7 +15,8 @@ module campaign_columns
    use campaign_selection, only: selection_type, start_selection
    use core_kinds, only: long, wp
    use numerics_sorting, only: sort_order
-   use numerics_statistics, only: moments_type, n_sums, sums_of
+   use numerics_statistics, only: deviation_error_of_sums, deviation_of_sums, freedoms_of_sums, &
+                                  joined_sums, mean_error_of_sums, n_sums, sums_of
    use statistics_estimates, only: end_beyond
    use statistics_order, only: at_rank, interval_rank
    implicit none(type, external)
@@ -182,19 +183,20 @@ contains
       class(column_collector), intent(in) :: self
       integer, intent(in) :: first, last
       type(joint_statistics), intent(out) :: statistics
-      type(moments_type) :: moments(first:last)
+      real(wp) :: sums(n_sums, first:last)
       integer :: group, i
 
-      do group = 1, self%n_groups
+      sums = self%sums(:, first:last, 1)
+      do group = 2, self%n_groups
          do i = first, last
-            call moments(i)%join(self%sums(:, i, group))
+            sums(:, i) = joined_sums(sums(:, i), self%sums(:, i, group))
          end do
       end do
-      statistics%mean = moments%mean
-      statistics%std = moments%standard_deviation()
-      statistics%mean_error = moments%error_of_mean()
-      statistics%std_error = moments%error_of_deviation()
-      statistics%freedoms = moments%freedoms()
+      statistics%mean = sums(2, :)
+      statistics%std = [(deviation_of_sums(sums(:, i)), i=first, last)]
+      statistics%mean_error = [(mean_error_of_sums(sums(:, i)), i=first, last)]
+      statistics%std_error = [(deviation_error_of_sums(sums(:, i)), i=first, last)]
+      statistics%freedoms = [(freedoms_of_sums(sums(:, i)), i=first, last)]
       statistics%percentiles = self%at(first:last, :, middle)
       statistics%low = self%at(first:last, :, low)
       statistics%high = self%at(first:last, :, high)
