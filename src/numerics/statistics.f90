@@ -81,6 +81,7 @@ contains
       deviation_of_sums = sqrt(sums(3)/(sums(1) - 1))
    end function deviation_of_sums
 
+   !> Standard error of the mean.
    pure real(wp) function mean_error_of_sums(sums)
       real(wp), intent(in) :: sums(n_sums)
 
