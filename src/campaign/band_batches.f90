@@ -59,21 +59,15 @@ contains
          if (sum(power(:, i)) > 0.0_wp) relative(:, i) = power(:, i)*(n_batches/sum(power(:, i)))
          weighted = weighted + density(i)*relative(:, i)
       end do
-      if (sum(density) > 0.0_wp) &
-         call grow(at(0)*weighted/sum(density), self%variance(:, 0, dof, slice))
-      do p = 1, size(low)
-         associate (near => ranking(floor(low(p)):ceiling(high(p))))
-            call grow(at(p)*sum(relative(:, near), 2)/size(near), self%variance(:, p, dof, slice))
-         end associate
-      end do
+      associate (variance => self%variance(:, :, dof, slice))   ! (batch, from 1: mean, percentiles)
+         if (sum(density) > 0.0_wp) variance(:, 1) = variance(:, 1) + at(0)*weighted/sum(density)
+         do p = 1, size(low)
+            associate (near => ranking(floor(low(p)):ceiling(high(p))))
+               variance(:, p + 1) = variance(:, p + 1) + at(p)*sum(relative(:, near), 2)/size(near)
+            end associate
+         end do
+      end associate
    end subroutine add
-
-   pure subroutine grow(more, sums)
-      real(wp), intent(in) :: more(:)
-      real(wp), intent(inout) :: sums(:)
-
-      sums = sums + more
-   end subroutine grow
 
    !> Computes the time-average errors once all frequencies of all ranks are added and the band
    !> ratios known; NaN for the ratio of a dof that does not move in a batch.

@@ -13,7 +13,7 @@ module campaign_plan
    public :: plan_type, case_type, accuracy_settings, excitation_settings, integration_settings, &
              output_settings
    public :: have_same_force, kept_dofs, scale_of, strength_of
-   public :: add_audits, audit_of, kept_of, reference_for
+   public :: add_audits, audit_of, kept_of, reference_for, repeats_samples
 
    integer, parameter :: fewest = 2                     !! samples, of a case with so many
    real(wp), parameter :: tighter = 1.0e-3_wp           !! than the tolerance of the scene
@@ -119,9 +119,8 @@ contains
       type(case_type), intent(in) :: case
       real(wp) :: scale
 
-      scale = case%factor
+      scale = strength_of(case)
       if (case%variance > 0.0_wp) scale = sqrt(case%variance)
-      if (case%amplitude > 0.0_wp) scale = case%amplitude
    end function scale_of
 
    !> Number by which levels of the force are told apart and ranked.
@@ -161,14 +160,21 @@ contains
       integer :: i
 
       plan%cases = pack(plan%cases, plan%cases%audits == 0)
-      if (.not. max(plan%accuracy%audit, plan%accuracy%target_slip_points, &
-                    plan%accuracy%target_band_ratio) > 0.0_wp) return
+      if (.not. repeats_samples(plan)) return
       audits = plan%cases
       audits%audits = [(i, i=1, size(audits))]
       audits%n_samples = min(audits%n_samples, &
                              max(fewest, ceiling(plan%accuracy%audit*audits%n_samples)))
       plan%cases = [plan%cases, audits]
    end subroutine add_audits
+
+   !> True if samples are repeated to find their numerical error.
+   pure logical function repeats_samples(plan)
+      type(plan_type), intent(in) :: plan
+
+      repeats_samples = max(plan%accuracy%audit, plan%accuracy%target_slip_points, &
+                            plan%accuracy%target_band_ratio) > 0.0_wp
+   end function repeats_samples
 
    !> The case that repeats samples of this one; 0: none.
    pure function audit_of(plan, case_number) result(audit)

@@ -1,7 +1,7 @@
 !> The text of `entroslip check`: what a scene will do, what it will not, and what that will cost.
 module config_summary
    use campaign_plan, only: add_audits, integration_settings, plan_type, reference_for, &
-                            strength_of
+                            repeats_samples, strength_of
    use campaign_pooling, only: case_pool, estimators_of, find_pools
    use campaign_size, only: memory_of_rank, results_size
    use config_fingerprint, only: fingerprint
@@ -48,8 +48,8 @@ contains
                          trim(merge(', and the fits', '              ', &
                                     any(is_fitted_to_values(plan%processes)))))
          text = text//estimates_text(plan, regression_seconds, n_ranks)
-         if (repeats(plan)) text = text//labelled('audit', audit_text(plan, n_ranks, &
-                                                                      audit_nanoseconds))
+         if (repeats_samples(plan)) &
+            text = text//labelled('audit', audit_text(plan, n_ranks, audit_nanoseconds))
       end if
       text = text//labelled('memory', 'about '// &
                             size_text(memory_of_rank(plan, every, transitions))//' a rank')// &
@@ -87,7 +87,7 @@ contains
          is_there = [size(plan%processes) > 0, size(plan%cases) > 0, &
                      any(plan%cases%process > 0), &
                      plan%has_structure .and. [output%spectrum, output%energy, output%history, &
-                                               output%transitions, repeats(plan)], &
+                                               output%transitions, repeats_samples(plan)], &
                      plan%n_realizations > 0]
       end associate
       names = [character(40) :: 'processes', 'motion', 'samples with drawn friction', 'spectrum', &
@@ -363,16 +363,6 @@ contains
       end function is_alike
 
    end function estimates_text
-
-   !> True if samples are repeated to find their numerical error.
-   pure logical function repeats(plan)
-      type(plan_type), intent(in) :: plan
-
-      associate (accuracy => plan%accuracy)
-         repeats = plan%has_structure .and. max(accuracy%audit, accuracy%target_slip_points, &
-                                                accuracy%target_band_ratio) > 0.0_wp
-      end associate
-   end function repeats
 
    !> Line on the samples that are repeated, and how.
    pure function audit_text(plan, n_ranks, nanoseconds) result(text)

@@ -318,7 +318,8 @@ contains
       integer, parameter :: values = 16   ! least of a segment
       integer :: k, length
 
-      if (.not. tradeoff%long%output%spectrum .or. all_single(tradeoff%levels)) return
+      if (.not. tradeoff%long%output%spectrum) return
+      if (all([(size(tradeoff%levels(k)%sample) == 1, k=1, size(tradeoff%levels))])) return
       associate (own => tradeoff%long%output%segment_length, &
                  every => tradeoff%long%output%spectrum_every)
          do k = 0, 4
@@ -335,13 +336,6 @@ contains
          end do
       end associate
    end subroutine choose_ways
-
-   pure logical function all_single(levels)
-      type(level_type), intent(in) :: levels(:)
-      integer :: k
-
-      all_single = all([(size(levels(k)%sample) == 1, k=1, size(levels))])
-   end function all_single
 
    !> Chooses cases with drawn friction, evenly among all where they are many.
    pure subroutine choose_cases(tradeoff)
