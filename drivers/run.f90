@@ -208,7 +208,8 @@ contains
       do
          item = counter%next(stops=allocated(error) .or. is_abandoned)
          if (item == 0) exit
-         call progress%show(samples_before(claims, item, output%world%n_ranks) &
+         ! samples of the claims before, without what other ranks still march
+         call progress%show(sum(claims(:max(item - output%world%n_ranks, 0))%n_samples()) &
                             + count(output%is_finished))
          associate (ranges => claims(item)%ranges)
             if (.not. output%take(ranges(1))) cycle
@@ -285,15 +286,6 @@ contains
          if (allocated(error)) return
       end do
    end subroutine keep_blocks
-
-   !> Samples done at a claim: those of the claims before, without what other ranks still march.
-   pure function samples_before(claims, item, n_ranks) result(n)
-      type(claim_type), intent(in) :: claims(:)
-      integer, intent(in) :: item, n_ranks
-      integer :: n
-
-      n = sum(claims(:max(item - n_ranks, 0))%n_samples())
-   end function samples_before
 
    !> Ends the run, what is finished kept, when any rank has been asked to stop; collective.
    subroutine end_if_asked(output)
