@@ -146,27 +146,28 @@ contains
 
       call stream%uniforms(ring%u)
       ! a companion that is not allocated is absent
-      call redraw_lanes(ring%length, ring%history, ring%is_wound, ring%field, ring%centre, ring%g, &
-                        ring%u, ring%d, ring%h, ring%y)
+      call redraw_lanes(ring%history, ring%is_wound, ring%field, ring%centre, ring%g, ring%u, &
+                        ring%d, ring%h, ring%y)
    end subroutine redraw
 
-   pure subroutine redraw_lanes(length, history, is_wound, field, centre, g, u, d, h, y)
-      integer, intent(in) :: length, history
+   pure subroutine redraw_lanes(history, is_wound, field, centre, g, u, d, h, y)
+      integer, intent(in) :: history
       logical, intent(in) :: is_wound
-      real(wp), intent(in), contiguous :: g(0:)
-      real(wp), intent(in) :: field, centre, u(lanes, length)
-      real(wp), intent(inout) :: d(lanes, 1 - history:length + size(g) - 1)
+      real(wp), intent(in) :: field, centre
+      real(wp), intent(in), contiguous :: g(0:), u(:)
+      real(wp), intent(inout) :: d(lanes, 1 - history:size(u)/lanes + size(g) - 1)
       real(wp), intent(in), optional :: h(0:size(g) - 1)
-      real(wp), intent(inout), optional :: y(lanes, 1 - history:length + size(g) - 1)
+      real(wp), intent(inout), optional :: y(lanes, 1 - history:size(u)/lanes + size(g) - 1)
       real(wp) :: c(lanes), drawn(lanes), factor(lanes), hazard(lanes), pull, scale
-      integer :: i, order
+      integer :: i, length, order
 
+      length = size(u)/lanes
       order = ubound(g, 1)
       scale = 1.0_wp/sqrt(g(0))
       pull = field - 2.0_wp*centre*sum(g(1:))
       do i = 1, length
          c = scale*(pull - neighbours(order, g, d(:, i - order:i + order)))
-         call draw_truncated_lanes(c, u(:, i), drawn, hazard, factor)
+         call draw_truncated_lanes(c, u(lanes*(i - 1) + 1:lanes*i), drawn, hazard, factor)
          call place(length, order, history, is_wound, i, scale*drawn - centre, d)
          if (.not. present(y)) cycle
          drawn = (drawn - c - hazard)/sqrt(truncated_variance(c, hazard))
