@@ -106,20 +106,21 @@ contains
 
    !> Takes a step along `change`, shortened until gain and constraints together do not get worse.
    !> If a step fails because the constraints are curved, it is corrected back onto them before it
-   !> is shortened.
+   !> is shortened. Where none is accepted the point stays, and `is_inside` is false.
    subroutine advance(objective, change, state, weight, tolerance, is_inside)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(inout) :: change(:)
       real(wp), allocatable, intent(inout) :: state(:)
       real(wp), intent(in) :: weight, tolerance
       logical, intent(out) :: is_inside
+      integer, parameter :: max_tries = 12
       real(wp), allocatable :: trial(:)
       real(wp) :: straight(size(change))
       integer :: i, n
       logical :: is_regular
 
       n = objective%n_constraints
-      do i = 1, 12
+      do i = 1, max_tries
          call objective%evaluate(objective%point + change, trial, is_inside)
          if (is_accepted()) exit
          straight = change
@@ -130,6 +131,7 @@ contains
          end if
          change = 0.4_wp*straight
       end do
+      is_inside = i <= max_tries
       if (.not. is_inside) return
       objective%point = objective%point + change
       call move_alloc(trial, state)

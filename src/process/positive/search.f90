@@ -220,6 +220,7 @@ contains
          reason = 'nothing was found on '//branch
       else if (limit < law%problem%ratio) then
          reason = branch//' ends at std/mean = '//to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
+         if (law%family%kind == by_symbol) reason = reason//' with positive symbols'
       else if (law%found%is_converged) then
          reason = 'K(m) does not fade within '//to_text(law%problem%n_lags)//' lags'
       else
