@@ -25,7 +25,8 @@ module process_direct_fit
    implicit none(type, external)
    private
    public :: fit_direct, fit_unconstrained, count_parts, conclude_direct, check_by_inversion
-   public :: coefficients_of_solution, direct_symbol, integer_signs, mirror_image, mirrored
+   public :: coefficients_of_solution, direct_symbol, integer_signs, list_solutions, mirror_image, &
+      mirrored
 
    character(*), parameter :: every_sequence = 'all sequences'
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp
@@ -115,7 +116,7 @@ contains
       character(*), intent(in) :: how
       logical, intent(in) :: is_certain   !! no sequence has more entropy
       type(process_model_type), intent(inout) :: model
-      type(sequence_solution) :: solution
+      type(sequence_solution) :: solutions(size(search%solutions))   ! in the unit of X
       integer :: i
 
       if (size(search%solutions) == 0) then
@@ -128,15 +129,26 @@ contains
       model%n_examined = int(search%n_examined)
       model%n_consistent = int(search%n_consistent)
       model%entropy_ceiling = model%entropy
-      allocate (model%solutions_signs(request%order, size(search%solutions)))
-      do i = 1, size(search%solutions)
-         solution = mirrored(search%solutions(i))
-         model%solutions_signs(:, i) = integer_signs(solution%s)
+      do i = 1, size(solutions)
+         solutions(i) = mirrored(search%solutions(i))
       end do
-      model%solutions_delta = search%solutions%delta
-      model%solutions_lambda_3 = search%solutions%lambda_3/request%std**2
-      model%solutions_entropy = search%solutions%entropy + log(request%std)
+      solutions%lambda_3 = solutions%lambda_3/request%std**2
+      solutions%entropy = solutions%entropy + log(request%std)
+      call list_solutions(solutions, model)
    end subroutine describe_winner
+
+   !> Lists solutions for different signs.
+   pure subroutine list_solutions(solutions, model)
+      type(sequence_solution), intent(in) :: solutions(:)   !! by descending entropy
+      type(process_model_type), intent(inout) :: model
+      integer :: i
+
+      model%solutions_signs = reshape([(integer_signs(solutions(i)%s), i=1, size(solutions))], &
+                                      [size(solutions(1)%s), size(solutions)])
+      model%solutions_delta = solutions%delta
+      model%solutions_lambda_3 = solutions%lambda_3
+      model%solutions_entropy = solutions%entropy
+   end subroutine list_solutions
 
    !> Searches all sequences where they are few; else likely ones, and all after them where one has
    !> been found, theory does not know it for the best and there are not many more.

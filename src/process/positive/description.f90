@@ -28,7 +28,7 @@ contains
       real(wp), parameter :: zero = 1.0e-9_wp   ! of K(m)/K(0)
 
       model%request = request
-      model%memory = ceiling(1.5_wp*memory_of(model%poles, 1.0e-9_wp))
+      model%memory = ceiling(1.5_wp*memory_of(abs(model%poles(1)), 1.0e-9_wp))
       associate (k => model%autocovariance(1:), variance => model%autocovariance(0))
          model%branch = branch_of(merge(-1.0_wp, 1.0_wp, k < -zero*variance))
       end associate

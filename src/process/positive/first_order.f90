@@ -310,15 +310,15 @@ contains
       type(first_order_law), intent(in) :: law
       type(process_model_type), intent(inout) :: model
       integer, parameter :: max_lags = 600
-      complex(wp) :: pole
+      real(wp) :: decay
       integer :: n_lags
 
       ! the unconstrained process of the wanted length remembers longer than a positive one with
       ! K(m) >= 0; an alternating one of that |K(1)| may remember longer
-      pole = request%correlation_length/(1.0_wp + request%correlation_length)
-      if (law%r < 0.0_wp) pole = law%memory
-      model%memory = ceiling(1.5_wp*memory_of([pole], 1.0e-9_wp))
-      n_lags = min(memory_of([pole], 1.0e-6_wp), max_lags)
+      decay = request%correlation_length/(1.0_wp + request%correlation_length)
+      if (law%r < 0.0_wp) decay = law%memory
+      model%memory = ceiling(1.5_wp*memory_of(decay, 1.0e-9_wp))
+      n_lags = min(memory_of(decay, 1.0e-6_wp), max_lags)
       allocate (model%autocovariance(0:n_lags), model%autocovariance_error(0:n_lags), &
                 source=0.0_wp)
       model%autocovariance(:) = model%b0**2*law%autocovariance(n_lags)

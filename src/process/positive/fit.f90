@@ -9,6 +9,8 @@ module process_positive_fit
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use numerics_constrained_maximum, only: solve_along
+   use process_direct_fit, only: integer_signs
+   use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_model_type, process_request
    use process_positive_description, only: compare_laws, describe_far_from_zero, describe_sampled, &
       outline_sampled
@@ -18,7 +20,7 @@ module process_positive_fit
    use process_positive_problem, only: solve_unconstrained
    use process_positive_refinement, only: refine, shape_spread
    use process_positive_search, only: follow_alternating, follow_unconstrained
-   use process_positive_sign_search, only: multipliers_of, search_signs, signs_solution
+   use process_positive_sign_search, only: multipliers_of, search_signs
    use process_positive_signs, only: difference, sharpen
    implicit none(type, external)
    private
@@ -251,7 +253,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(process_model_type) :: before
       type(shape_spread) :: spread
-      type(signs_solution) :: solution
+      type(sequence_solution) :: solution
       integer :: pass
 
       before = model
@@ -270,7 +272,7 @@ contains
       if (request%method /= 'direct') return
       call multipliers_of(law, model%b0, solution, model%optimality)
       model%optimality = max(model%optimality, law%found%violation)
-      model%signs = solution%signs
+      model%signs = integer_signs(solution%s)
       model%delta = solution%delta
       model%lambda_3 = solution%lambda_3
    end subroutine finish

@@ -202,28 +202,22 @@ contains
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:), signs(0:)
       real(wp), allocatable, intent(out) :: weights(:, :), known(:), n_products(:)
-      integer :: last, m, n_lags
+      integer :: last, m, n, n_lags
 
       n_lags = ubound(companion, 1)
-      last = min(n_lags, batches%n_single)
-      if (n_lags > last) last = last + 2
+      n = min(n_lags, batches%n_single)
+      last = merge(n + 2, n, n_lags > n)
       allocate (weights(0:last, 3), known(0:last), n_products(0:last), source=0.0_wp)
       weights(0, 1) = 1.0_wp
-      known(0) = companion(0)
-      n_products(0) = 1.0_wp
-      do m = 1, min(n_lags, batches%n_single)
-         weights(m, 2) = signs(m)
-         weights(m, 3) = m*weights(m, 2)
-         known(m) = companion(m)
-         n_products(m) = 1.0_wp
-      end do
-      if (n_lags <= batches%n_single) return
+      weights(1:n, 2) = signs(1:n)
+      weights(1:n, 3) = [(m*signs(m), m=1, n)]
+      known(:n) = companion(:n)
+      n_products(:n) = 1.0_wp
+      if (last == n) return
       weights(last - 1, 2) = 1.0_wp
       weights(last, 3) = 1.0_wp
-      do m = batches%n_single + 1, n_lags
-         known(last - 1:) = known(last - 1:) + [1, m]*companion(m)
-         n_products(last - 1:) = n_products(last - 1:) + [1, m]
-      end do
+      known(last - 1:) = [sum(companion(n + 1:)), sum([(m*companion(m), m=n + 1, n_lags)])]
+      n_products(last - 1:) = real([n_lags - n, sum([(m, m=n + 1, n_lags)])], wp)
    end subroutine arrange_rows
 
    !> Estimates E sum w_m d_n d_(n-m), and its standard error.

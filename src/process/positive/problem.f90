@@ -80,15 +80,13 @@ contains
       problem%ratio = request%std/request%mean
       problem%l0 = sums%l0
       problem%stream = stream
-      problem%n_lags = max(size(kappa), memory_of(unconstrained%poles, 1.0e-4_wp))
-      problem%memory = ceiling(1.5_wp*memory_of(unconstrained%poles, 1.0e-9_wp))
+      problem%n_lags = max(size(kappa), memory_of(abs(unconstrained%poles(1)), 1.0e-4_wp))
+      problem%memory = ceiling(1.5_wp*memory_of(abs(unconstrained%poles(1)), 1.0e-9_wp))
       if (present(decay)) problem%decay = decay
       if (problem%decay > 0.0_wp) then
          kappa(1::2) = -kappa(1::2)
-         associate (pole => cmplx(problem%decay, 0.0_wp, wp))
-            problem%n_lags = max(problem%n_lags, 2*memory_of([pole], 1.0e-4_wp))
-            problem%memory = max(problem%memory, 3*memory_of([pole], 1.0e-9_wp))
-         end associate
+         problem%n_lags = max(problem%n_lags, 2*memory_of(problem%decay, 1.0e-4_wp))
+         problem%memory = max(problem%memory, 3*memory_of(problem%decay, 1.0e-9_wp))
       end if
       problem%companion = coefficients_of(kappa)
       if (problem%n_lags > most_lags(merge(2, 1, problem%is_exact)) .or. &

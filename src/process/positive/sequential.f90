@@ -162,12 +162,12 @@ contains
 
    !> Steps until what went before has lost all but a tolerance of its weight. The Gaussian's
    !> largest pole is a conservative measure: truncation only shortens the memory.
-   pure function memory_of(poles, tolerance) result(steps)
-      complex(wp), intent(in) :: poles(:)   !! by descending modulus
+   pure function memory_of(decay, tolerance) result(steps)
+      real(wp), intent(in) :: decay   !! modulus of the largest pole, or |K(m + 1)/K(m)|
       real(wp), intent(in) :: tolerance
       integer :: steps
 
-      steps = ceiling(log(tolerance)/log(min(max(abs(poles(1)), 1.0e-3_wp), 1.0_wp - 1.0e-6_wp)))
+      steps = ceiling(log(tolerance)/log(min(max(decay, 1.0e-3_wp), 1.0_wp - 1.0e-6_wp)))
    end function memory_of
 
 end module process_positive_sequential

@@ -10,7 +10,7 @@ module process_positive_sign_search
    use numerics_sorting, only: sort_order
    use process_correlation, only: constraint_weights
    use process_direct_constraint, only: constraint_of, length_constraint
-   use process_direct_fit, only: integer_signs, mirror_image, mirrored
+   use process_direct_fit, only: integer_signs, list_solutions, mirror_image, mirrored
    use process_direct_sign_search, only: count_sequences, max_listed, search_structured, &
                                          sequence_signs
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
@@ -21,24 +21,16 @@ module process_positive_sign_search
    use process_positive_search, only: follow_unconstrained
    implicit none(type, external)
    private
-   public :: multipliers_of, search_signs, signs_solution
+   public :: multipliers_of, search_signs
 
    real(wp), parameter :: negligible = 1.0e-4_wp   !! of entropies, which are sampled [nat]
 
    integer(long), parameter :: most_sequences = 1024   !! but for mirror images, that are all tried
 
-   !> Signs, multipliers and entropy of a process of the direct method.
-   type :: signs_solution
-      integer, allocatable :: signs(:)   !! s_m, m = 1..m_max; 0 where |s_m| < 1
-      real(wp) :: delta = 0.0_wp         !! lambda_2/lambda_3
-      real(wp) :: lambda_3 = 0.0_wp
-      real(wp) :: entropy = 0.0_wp       !! per point [nat]
-   end type signs_solution
-
    !> Solution for one sequence.
    type :: sign_trial
       type(sampled_objective) :: law
-      type(signs_solution) :: solution
+      type(sequence_solution) :: solution   !! of the law: its signs, multipliers and entropy
       real(wp) :: entropy_error = 0.0_wp   !! of its entropy, standard error [nat]
    end type sign_trial
 
@@ -55,8 +47,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: others = 15.0_wp   ! effort of all other sequences, of the first's
       real(wp), parameter :: certain = 4.0_wp   ! standard errors
-      type(sequence_solution), allocatable :: sequences(:)
-      type(signs_solution), allocatable :: solutions(:)
+      type(sequence_solution), allocatable :: sequences(:), solutions(:)
       type(sign_trial) :: trial
       type(error_type), allocatable :: failure
       character(:), allocatable :: reason
@@ -104,11 +95,7 @@ contains
       if (allocated(error)) deallocate (error)
       ranking = sort_order(-solutions(:model%n_consistent)%entropy)
       ranking = ranking(:min(size(ranking), max_listed))
-      model%solutions_signs = reshape([(solutions(ranking(i))%signs, i=1, size(ranking))], &
-                                      [request%order, size(ranking)])
-      model%solutions_delta = solutions(ranking)%delta
-      model%solutions_lambda_3 = solutions(ranking)%lambda_3
-      model%solutions_entropy = solutions(ranking)%entropy
+      call list_solutions(solutions(ranking), model)
    end subroutine search_signs
 
    !> Lists the Gaussian solutions of all sequences of signs by descending entropy, each with its
@@ -170,7 +157,7 @@ contains
       if (allocated(error)) return
       b0 = request%std/trial%law%last%moments%std
       call multipliers_of(trial%law, b0, trial%solution, unused)
-      if (request%branch == 'nonnegative' .and. any(trial%solution%signs < 0)) &
+      if (request%branch == 'nonnegative' .and. any(integer_signs(trial%solution%s) < 0)) &
          call raise(error, exit_no_solution, trial%law%problem%name// &
                     ': some K(m) are negative')
       trial%law%n_steps = entropy_steps
@@ -182,32 +169,33 @@ contains
    end subroutine solve_signs
 
    !> Computes signs and multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2
-   !> a_0, G_m = lambda_2 a_m s_m; sign 0 where |s_m| < 1.
+   !> a_0, G_m = lambda_2 a_m s_m.
    subroutine multipliers_of(law, b0, solution, residual)
       type(sampled_objective), intent(in) :: law   !! of the direct method
       real(wp), intent(in) :: b0                   !! [unit of X]
-      type(signs_solution), intent(out) :: solution
+      type(sequence_solution), intent(out) :: solution
       !> largest one of G, relative, and of s_m K(m) >= 0 or, where |s_m| < 1, K(m) = 0, over K(0)
       real(wp), intent(out) :: residual
       real(wp), allocatable :: k(:), unused(:)
       real(wp), dimension(0:size(law%family%s)) :: g, weights
       real(wp) :: lambda_2, s(size(law%family%s))
-      integer :: m
+      integer :: m, signs(size(s))
 
       s = law%family%all_signs(law%point)
       g = law%last%g/b0**2
       associate (request => law%problem%request)
          weights = constraint_weights(request%correlation, request%correlation_length, ubound(g, 1))
       end associate
-      solution%signs = integer_signs(s)
-      m = maxloc(abs(weights(1:)), 1, solution%signs /= 0)
+      signs = integer_signs(s)   ! 0 where |s_m| < 1
+      solution%s = s
+      m = maxloc(abs(weights(1:)), 1, signs /= 0)
       lambda_2 = g(m)/(weights(m)*s(m))
       solution%lambda_3 = 0.5_wp*g(0) - lambda_2*weights(0)
       solution%delta = lambda_2/solution%lambda_3
       call estimate_autocovariance(law%last%batches, law%known, size(s), k, unused)
       residual = max(maxval(abs(g(1:) - lambda_2*weights(1:)*s))/g(0), &
-                     maxval(merge(max(-s*k(1:), 0.0_wp), abs(k(1:)), &
-                                  solution%signs /= 0)/k(0), abs(weights(1:)) > 0.0_wp))
+                     maxval(merge(max(-s*k(1:), 0.0_wp), abs(k(1:)), signs /= 0)/k(0), &
+                            abs(weights(1:)) > 0.0_wp))
    end subroutine multipliers_of
 
 end module process_positive_sign_search
