@@ -19,8 +19,8 @@ module dynamics_exact_modal_sliders
       real(wp), pointer, contiguous :: moves(:, :, :) => null()       !! (lane, joint, group) 1 or 0
       real(wp), pointer, contiguous :: motion(:, :, :) => null()   !! e! x_e (lane, entry, e)
       real(wp), pointer, contiguous :: moments(:, :, :, :) => null()  !! (lane, joint, 0:, group) I
-      !> moved(:n_moved(group), group): joints, ascending, whose sliders move in some lane; where some
-      !> has switched, or regimes are given, those that may
+      !> moved(:n_moved(group), group): joints, ascending, whose sliders move in some lane; where
+      !> some has switched, or regimes are given, those that may
       integer, allocatable :: n_moved(:), moved(:, :)
       logical, allocatable :: has_switched(:)   !! (group) some joint has since `follow`
       type(aligned_memory), private :: memory
