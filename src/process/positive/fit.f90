@@ -245,7 +245,7 @@ contains
    end function is_first_order
 
    !> Refines the maximum, matches the targets on many values and describes the law; where that
-   !> fails, once more after a search on more values than before.
+   !> fails, or the maximum moves far, once more after a search on more values than before.
    subroutine finish(request, law, model, error)
       type(process_request), intent(in) :: request
       type(sampled_objective), intent(inout) :: law
@@ -254,11 +254,21 @@ contains
       type(process_model_type) :: before
       type(shape_spread) :: spread
       type(sequence_solution) :: solution
+      type(sampled_objective) :: sharper
       integer :: pass
+      logical :: is_short
 
       before = model
       do pass = 1, 2
-         call refine(law, difference, spread)
+         call refine(law, difference, spread, is_short)
+         if (pass == 1 .and. .not. is_short) then
+            sharper = law
+            call sharpen(sharper)
+            if (sharper%found%is_converged) then
+               law = sharper
+               cycle
+            end if
+         end if
          call match_targets(law, request%fit_steps, error)
          if (.not. allocated(error)) call describe_sampled(law, spread, model, error)
          if (.not. allocated(error)) exit

@@ -36,10 +36,11 @@ contains
    !> Takes one step more, on more simulated values: as good as a whole search on them. Where a
    !> difference leaves the domain, or the maximum is too flat for the step to be a short one, the
    !> point stays, and its spread is not known.
-   subroutine refine(law, step, spread)
+   subroutine refine(law, step, spread, is_short)
       type(sampled_objective), intent(inout) :: law
       real(wp), intent(in) :: step               !! of the differences
       type(shape_spread), intent(out) :: spread
+      logical, intent(out) :: is_short          !! false: more values ask for a long step
       type(shape_spread) :: trial
       real(wp), allocatable :: moved_state(:), rests(:, :), state(:)
       real(wp), dimension(size(law%point)) :: change, gradient, moved
@@ -49,6 +50,7 @@ contains
       integer :: i, n
       logical :: is_inside, is_regular
 
+      is_short = .true.
       if (law%family%kind == by_symbol .or. law%family%is_weak(law%point)) return
       n = size(moved)
       law%n_steps = refinement_steps
@@ -73,7 +75,8 @@ contains
       call step_to_maximum(law%found%metric, jacobian, gradient, state(:law%n_constraints), &
                            change, multipliers, is_regular)
       if (.not. is_regular) return
-      if (norm2(change) > longest) return
+      is_short = norm2(change) <= longest
+      if (.not. is_short) return
       law%point = law%point + change
       law%found%jacobian = jacobian
       law%found%multipliers = multipliers
