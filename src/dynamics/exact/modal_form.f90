@@ -16,8 +16,7 @@ module dynamics_exact_modal_form
    use dynamics_exact_modal_lane, only: lane_paths
    use dynamics_exact_modal_operators, only: four, kernel_fit, modal_operators, new_modal_operators
    use dynamics_exact_modal_sliders, only: moving_sliders
-   use dynamics_exact_modal_steps, only: multiply, push_motion, read_paths, rotate_modes, &
-                                         rotate_pairs
+   use dynamics_exact_modal_steps, only: multiply, push_motion, read_paths, rotate
    use dynamics_exact_modal_terms, only: groups, lanes, path_degree
    use dynamics_exact_transitions, only: transition_group
    use dynamics_alignment, only: aligned_memory
@@ -211,15 +210,9 @@ contains
       joints = size(self%paths%x, 2)
       associate (for => self%operators, modes => self%modes(:, :, :, g), x => self%paths%x, &
                  u => self%paths%layer(0), v => self%paths%layer(1), regime => self%paths%regime)
-         if (self%keeps_ledger) call for%ledger%start_part(g, rows, force, modes, &
-                                                           self%rates(:, :, :, g))
-         if (for%blocks%ports == 1) then
-            call rotate_modes(rows, for%first_read, for%rotation, for%load, force, modes, &
-                              self%middle)
-         else
-            call rotate_pairs(rows, for%first_read, for%rotation, for%load, force, modes, &
-                              self%middle)
-         end if
+         if (self%keeps_ledger) call for%ledger%start_part(g, rows, force, modes)
+         call rotate(for, rows, force, self%keeps_ledger, modes, self%middle, &
+                     self%rates(:, :, :, g))
          call read_paths(for, joints, rows, modes, self%middle, x(first, 1, u), x(first, 1, v), &
                          x(first, 1, 2))
          call self%sliders%follow(g, for, joints, regime(first, 1, layer_side), &

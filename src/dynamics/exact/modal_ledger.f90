@@ -21,7 +21,6 @@ module dynamics_exact_modal_ledger
       logical :: is_ready = .false.
       integer, private :: ports = 1
       real(wp), private :: scale = 0.0_wp                !! 1/h^2 [1/s^2]
-      real(wp), allocatable, private :: block(:, :, :)   !! A (2, 2, block)
       real(wp), allocatable, private :: load(:, :)       !! (row, force) h^2 Phi' b
       real(wp), allocatable, private :: reads(:, :)      !! (row, force) X, where a force acts
       !> (number, force, block) integral of X - X(0)
@@ -60,7 +59,6 @@ contains
       self%is_ready = .true.
       self%ports = blocks%ports
       self%scale = 1.0_wp/h**2
-      self%block = blocks%block
       self%load = blocks%pushes(load)
       self%reads = transpose(blocks%reads(transpose(load), .false.))
       allocate (self%place(lanes, size(load, 2), groups))
@@ -152,33 +150,17 @@ contains
       area = transpose(matmul(change(m + 3:, :n), moments))
    end subroutine find_form
 
-   !> Keeps the rates and the displacements at the start of a part.
-   pure subroutine start_part(self, g, rows, force, modes, rates)
+   !> Keeps the forces of a part and the displacements at its start.
+   pure subroutine start_part(self, g, rows, force, modes)
       class(modal_ledger), intent(inout) :: self
       integer, intent(in) :: g, rows                     !! group of lanes
       real(wp), intent(in) :: force(lanes, size(self%load, 2), 0:1)   !! value and rise [N]
       real(wp), intent(in) :: modes(lanes, rows, *)      !! see modal_form
-      real(wp), intent(inout) :: rates(lanes, 2, size(self%block, 3))
-      integer :: b, f, i, port, row
+      integer :: f
 
       self%force(:, :, :, g) = force
       do f = 1, size(self%load, 2)
          call multiply(size(self%load, 1), self%reads(:, f), modes, self%place(:, f, g))
-      end do
-      do b = 1, size(self%block, 3)
-         row = self%ports*(b - 1)
-         do i = 1, 2
-            rates(:, i, b) = self%block(i, 1, b)*modes(:, row + 1, 1) &
-                             + self%block(i, 2, b)*modes(:, row + self%ports, 3 - self%ports)
-         end do
-         do port = 1, self%ports
-            associate (rate => rates(:, 2 - self%ports + port, b))
-               rate = rate + modes(:, row + port, 4 - self%ports)
-               do f = 1, size(self%load, 2)
-                  rate = rate + self%load(row + port, f)*force(:, f, 0)
-               end do
-            end associate
-         end do
       end do
    end subroutine start_part
 
@@ -189,7 +171,7 @@ contains
       integer, intent(in) :: g, rows
       real(wp), intent(in) :: modes(lanes, rows, *)     !! at the end
       real(wp), intent(in) :: taken(lanes, rows, 0:*)   !! S I
-      real(wp), intent(in) :: rates(lanes, 2, size(self%block, 3))            !! see start_part
+      real(wp), intent(in) :: rates(lanes, 2, *)        !! p' at the start
       real(wp), intent(inout) :: work(lanes, 2)      !! input, viscous
       real(wp), dimension(lanes, most_numbers) :: first, second   ! a constant extent aligns them
       real(wp), dimension(lanes) :: added, lost, place

@@ -37,7 +37,8 @@ module dynamics_exact_modal_operators
       !> 1:2), by fours of joints and dofs, see by_fours
       real(wp), allocatable :: reads(:, :, :, :), shape(:, :, :, :)
       !> (entry, end, block) from both numbers, then push and its rise by ports; to both numbers at
-      !> 1, and by ports to p, then p', at 1/2 less those of the path through both ends (M3), (M4)
+      !> 1, by ports to p, then p', at 1/2 less those of the path through both ends, and to p' now
+      !> (M3), (M4)
       real(wp), allocatable :: rotation(:, :, :)
       real(wp), allocatable :: weight(:, :, :)  !! (0:moment, number, row) (M6)
       !> Y_0, Y_1, Y_2 (joint, joint of the slider, 0:2), joints padded to whole registers (M5)
@@ -63,7 +64,7 @@ contains
       do k = 3, path_degree
          work = work + padded(self%n_joints)*self%n_joints*max(0, k - 1 - self%first_power(k))
       end do
-      work = moving*work + of_guard*self%n_joints + size(self%rotation) &
+      work = moving*work + of_guard*self%n_joints + self%n_modes*size(self%rotation, 1)**2 &
              + padded(self%n_joints)*self%blocks%ports*sum(self%n_modes + 1.0_wp - self%first_read)
    end function work
 
@@ -131,7 +132,7 @@ contains
                    operators%reads(four, rows, padded(m)/four, ports), &
                    operators%shape(four, rows, padded(n)/four, 2), &
                    operators%weight(0:operators%n_moments, 2, padded(rows)), &
-                   operators%rotation(2 + 2*ports, 2 + 2*ports, n), &
+                   operators%rotation(2 + 2*ports, 4 + 2*ports, n), &
                    operators%markov(whole_registers(m), m, 0:n_markov - 1), source=0.0_wp)
          do i = 1, m
             operators%push(:rows, i:i) = operators%blocks%pushes( &
@@ -182,6 +183,7 @@ contains
             a(2 - ports + i, 2 + i) = 1.0_wp
             a(2 + i, 2 + ports + i) = 1.0_wp
          end do
+         operators%rotation(:, n + 1:, b) = transpose(a(:2, :))
          a(:, 2) = a(:, 2)*scale
          a(2, :) = a(2, :)/scale
          call find_exponential(a, a(:, 3:2 + ports), max(n_markov, last + 1), half, full)
@@ -195,7 +197,7 @@ contains
          ends(3 + ports:, :) = slope(:ports, :)
          ends(2:4*ports - 2:2, :) = ends(2:4*ports - 2:2, :)*scale
          ends(:, 2) = ends(:, 2)/scale
-         operators%rotation(:, :, b) = transpose(ends)
+         operators%rotation(:, :n, b) = transpose(ends)
          associate (rows => [(ports*(b - 1) + i, i=1, ports)])
             full%moment(2, :, :) = full%moment(2, :, :)*scale
             do i = 1, 2

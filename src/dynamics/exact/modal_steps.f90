@@ -6,94 +6,80 @@ module dynamics_exact_modal_steps
    use dynamics_exact_modal_terms, only: groups, lanes
    implicit none(type, external)
    private
-   public :: multiply, push_motion, read_paths, rotate_modes, rotate_pairs
+   public :: multiply, push_motion, read_paths, rotate
 
 contains
 
-   !> Takes modes to the end of the part, one by one, and finds what their middle adds to the cubic
-   !> through both ends, from the first mode on where that counts (M3), (M4).
-   pure subroutine rotate_modes(rows, first_read, rotation, load, force, modes, middle)
+   !> Takes blocks to the end of the part, and finds what their middle adds to the cubic through
+   !> both ends, from the first block on where that counts (M3), (M4). For a ledger also p' now.
+   pure subroutine rotate(operators, rows, force, keeps, modes, middle, rates)
+      type(modal_operators), intent(in) :: operators
       integer, intent(in) :: rows
-      integer, intent(in) :: first_read(4)                 !! see modal_terms
-      real(wp), intent(in), contiguous :: load(:, :)       !! (mode, force)
-      real(wp), intent(in) :: rotation(4, 4, size(load, 1))   !! see modal_operators
-      real(wp), intent(in) :: force(lanes, size(load, 2), 0:1)   !! value and rise [N]
-      real(wp), intent(inout) :: modes(lanes, rows, 3)     !! q, q', S z
-      real(wp), intent(inout) :: middle(lanes, rows, 2)    !! see modal_form
-      real(wp), dimension(lanes) :: push, q, rise, v
-      integer :: f, i, r
+      real(wp), intent(in) :: force(lanes, operators%n_forces, 0:1)   !! value and rise [N]
+      logical, intent(in) :: keeps                                    !! rates
+      real(wp), intent(inout) :: modes(lanes, rows, *)    !! q, q', S z; or p, S z
+      real(wp), intent(inout) :: middle(lanes, rows, 2)   !! see modal_form
+      real(wp), intent(inout) :: rates(lanes, 2, *)       !! p' (.., number, block)
+      integer :: first(3)   ! block whose p and p' at 1/2 and p' now are wanted
 
-      do r = 1, size(load, 1)
-         push = modes(:, r, 3) + load(r, 1)*force(:, 1, 0)
-         rise = load(r, 1)*force(:, 1, 1)
-         do f = 2, size(load, 2)
-            push = push + load(r, f)*force(:, f, 0)
-            rise = rise + load(r, f)*force(:, f, 1)
+      first = [operators%first_read(3:), merge(1, operators%n_modes + 1, keeps)]
+      associate (rotation => operators%rotation, load => operators%load)
+         if (operators%blocks%ports == 1) then   ! constants make loops over numbers straight
+            call rotate_blocks(1, rows, first, rotation, load, force, modes, middle, rates)
+         else
+            call rotate_blocks(2, rows, first, rotation, load, force, modes, middle, rates)
+         end if
+      end associate
+   end subroutine rotate
+
+   pure subroutine rotate_blocks(ports, rows, first, rotation, load, force, modes, middle, rates)
+      integer, value :: ports
+      integer, intent(in) :: rows, first(3)
+      real(wp), intent(in), contiguous :: load(:, :)   !! (row, force)
+      real(wp), intent(in) :: rotation(2 + 2*ports, 4 + 2*ports, size(load, 1)/ports)
+      real(wp), intent(in) :: force(lanes, size(load, 2), 0:1)
+      real(wp), intent(inout) :: modes(lanes, rows, 4 - ports), middle(lanes, rows, 2)
+      real(wp), intent(inout) :: rates(lanes, 2, *)
+      real(wp) :: now(lanes, 6)   ! both numbers, pushes and rises of the ports
+      real(wp) :: total(lanes)
+      integer :: b, f, i, k, port, row
+
+      do b = 1, size(load, 1)/ports
+         row = ports*(b - 1)
+         now(:, 1) = modes(:, row + 1, 1)
+         now(:, 2) = modes(:, row + ports, 3 - ports)
+         do port = 1, ports
+            associate (push => now(:, 2 + port), rise => now(:, 2 + ports + port))
+               push = modes(:, row + port, 4 - ports) + load(row + port, 1)*force(:, 1, 0)
+               rise = load(row + port, 1)*force(:, 1, 1)
+               do f = 2, size(load, 2)
+                  push = push + load(row + port, f)*force(:, f, 0)
+                  rise = rise + load(row + port, f)*force(:, f, 1)
+               end do
+            end associate
          end do
-         q = modes(:, r, 1)
-         v = modes(:, r, 2)
-         do i = 1, 4
-            if (i > 2 .and. r < first_read(i)) cycle
-            if (i <= 2) then
-               modes(:, r, i) = rotation(1, i, r)*q + (rotation(2, i, r)*v &
-                                + (rotation(3, i, r)*push + rotation(4, i, r)*rise))
+         do i = 1, 4 + 2*ports
+            if (i > 2 .and. i <= 2 + ports .and. b < first(1)) cycle
+            if (i > 2 + ports .and. i <= 2 + 2*ports .and. b < first(2)) cycle
+            if (i > 2 + 2*ports .and. b < first(3)) exit
+            total = rotation(1, i, b)*now(:, 1)
+            do k = 2, 2 + 2*ports
+               total = total + rotation(k, i, b)*now(:, k)
+            end do
+            if (i == 1) then
+               modes(:, row + 1, 1) = total
+            else if (i == 2) then
+               modes(:, row + ports, 3 - ports) = total
+            else if (i <= 2 + ports) then
+               middle(:, row + i - 2, 1) = total
+            else if (i <= 2 + 2*ports) then
+               middle(:, row + i - 2 - ports, 2) = total
             else
-               middle(:, r, i - 2) = rotation(1, i, r)*q + (rotation(2, i, r)*v &
-                                     + (rotation(3, i, r)*push + rotation(4, i, r)*rise))
+               rates(:, i - 2 - 2*ports, b) = total
             end if
          end do
       end do
-   end subroutine rotate_modes
-
-   !> Does the same to blocks of two ports.
-   pure subroutine rotate_pairs(rows, first_read, rotation, load, force, modes, middle)
-      integer, intent(in) :: rows
-      integer, intent(in) :: first_read(4)                 !! blocks, see modal_terms
-      real(wp), intent(in), contiguous :: load(:, :)       !! (row, force)
-      real(wp), intent(in) :: rotation(6, 6, size(load, 1)/2)   !! see modal_operators
-      real(wp), intent(in) :: force(lanes, size(load, 2), 0:1)   !! value and rise [N]
-      real(wp), intent(inout) :: modes(lanes, rows, 2)     !! p, S z
-      real(wp), intent(inout) :: middle(lanes, rows, 2)    !! see modal_form
-      real(wp), dimension(lanes, 2) :: number, push, rise
-      integer :: b, f, l, port, row
-
-      do b = 1, size(load, 1)/2
-         do port = 1, 2
-            row = 2*b - 2 + port
-            !$omp simd
-            do l = 1, lanes
-               number(l, port) = modes(l, row, 1)
-               push(l, port) = modes(l, row, 2) + load(row, 1)*force(l, 1, 0)
-               rise(l, port) = load(row, 1)*force(l, 1, 1)
-            end do
-            do f = 2, size(load, 2)
-               push(:, port) = push(:, port) + load(row, f)*force(:, f, 0)
-               rise(:, port) = rise(:, port) + load(row, f)*force(:, f, 1)
-            end do
-         end do
-         do port = 1, 2
-            row = 2*b - 2 + port
-            call add_up(rotation(1, port, b), number, push, rise, modes(1, row, 1))
-            if (b >= first_read(3)) &
-               call add_up(rotation(1, 2 + port, b), number, push, rise, middle(1, row, 1))
-            if (b >= first_read(4)) &
-               call add_up(rotation(1, 4 + port, b), number, push, rise, middle(1, row, 2))
-         end do
-      end do
-   end subroutine rotate_pairs
-
-   pure subroutine add_up(factor, number, push, rise, total)
-      real(wp), intent(in) :: factor(6)
-      real(wp), intent(in), dimension(lanes, 2) :: number, push, rise
-      real(wp), intent(inout) :: total(lanes)
-      integer :: l
-
-      !$omp simd
-      do l = 1, lanes
-         total(l) = (factor(1)*number(l, 1) + (factor(2)*number(l, 2) + factor(3)*push(l, 1))) &
-                    + (factor(4)*push(l, 2) + (factor(5)*rise(l, 1) + factor(6)*rise(l, 2)))
-      end do
-   end subroutine add_up
+   end subroutine rotate_blocks
 
    !> Finds y = A x.
    pure subroutine multiply(fours, columns, a, x, y)
