@@ -130,7 +130,6 @@ contains
          state%stick_starts = 0
          state%work_input = 0.0_wp
          state%work_viscous = 0.0_wp
-         state%work_friction = 0.0_wp
          march%energy_before = stored_energy(runner%plan%structure, state)
          march%span = 1
          march%slip_before = state%slip_time
@@ -309,9 +308,9 @@ contains
          if (output%energy) then
             result%energy_input = state%work_input
             result%energy_viscous = state%work_viscous
-            result%energy_friction = state%work_friction
+            result%energy_friction = sum(result%dissipation, 1)
             result%energy_stored = stored_energy(runner%plan%structure, state) - march%energy_before
-            result%energy_defect = state%work_input - state%work_viscous - state%work_friction &
+            result%energy_defect = state%work_input - state%work_viscous - result%energy_friction &
                                    - result%energy_stored
          end if
          if (output%harmonic) call march%harmonics%finish(result)

@@ -11,7 +11,7 @@ module dynamics_joint
    implicit none(type, external)
    private
    public :: jenkins_force, slip_direction, slider_at
-   public :: enter_transition, close_account, dissipate
+   public :: enter_transition, close_account
 
 contains
 
@@ -85,27 +85,6 @@ contains
          end do
       end do
    end subroutine close_account
-
-   !> Finds the work of friction [J]: mu N times the way of the slips, that of slips under way to
-   !> now.
-   pure subroutine dissipate(structure, state)
-      type(structure_type), intent(in) :: structure
-      type(block_state), intent(inout) :: state
-      real(wp) :: place, way
-      integer :: j, w
-
-      do w = 1, state%n_samples
-         state%work_friction(w) = 0.0_wp
-         do j = 1, state%n_joints
-            way = state%slip_distance(j, w)
-            if (state%direction(j, w) /= 0) then
-               place = dot_product(structure%direction(:, j), state%displacement(:, w))
-               way = way + abs(place - state%slip_from(j, w))
-            end if
-            state%work_friction(w) = state%work_friction(w) + state%slip_limit(j, w)*way
-         end do
-      end do
-   end subroutine dissipate
 
    !> Counts a slip from its start, or from where it was last counted, to now. A joint slips in one
    !> direction between the two, so |change of w.x| is its way.

@@ -43,7 +43,6 @@ module dynamics_response
       logical :: keeps_ledger = .false.
       real(wp), allocatable :: work_input(:)            !! (sample) [J]; kept when keeps_ledger
       real(wp), allocatable :: work_viscous(:)          !! (sample) [J]
-      real(wp), allocatable :: work_friction(:)         !! (sample) [J]
       logical :: keeps_transitions = .false.
       type(transition_list), allocatable :: transitions(:)   !! (sample)
    end type block_state
@@ -126,7 +125,7 @@ contains
                 state%slip_time(m, w), state%slip_distance(m, w), state%slip_since(m, w), &
                 state%slip_from(m, w), source=0.0_wp)
       allocate (state%slip_starts(m, w), state%stick_starts(m, w), source=0_long)
-      allocate (state%work_input(w), state%work_viscous(w), state%work_friction(w), source=0.0_wp)
+      allocate (state%work_input(w), state%work_viscous(w), source=0.0_wp)
       allocate (state%transitions(w))
    end subroutine start_block
 

@@ -7,7 +7,6 @@ module dynamics_exact_block_march
    use dynamics_exact_joint_paths, only: joint_paths, width
    use dynamics_exact_transitions, only: clear, examine, find_next, group_size, plain, &
                                          take_answer, take_suspects, transition_group
-   use dynamics_joint, only: dissipate
    use dynamics_response, only: block_state, marcher_type
    implicit none(type, external)
    private
@@ -92,7 +91,6 @@ contains
          end do
          state%step = state%step + ubound(force, 1)
          state%kept_step = state%step
-         if (state%keeps_ledger) call dissipate(structure, state)
       end associate
    end subroutine advance
 

@@ -6,7 +6,7 @@
 module dynamics_newmark_block
    use core_kinds, only: long, two_pi, wp
    use dynamics_alignment, only: aligned_memory
-   use dynamics_joint, only: close_account, dissipate, enter_transition, slider_at
+   use dynamics_joint, only: close_account, enter_transition, slider_at
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
@@ -134,7 +134,6 @@ contains
       if (.not. state%keeps_ledger) return
       state%work_input = state%work_input + block%work(1, :)
       state%work_viscous = state%work_viscous + block%work(2, :)
-      call dissipate(block%frame%structure, state)
    end subroutine store_block
 
    !> Finds the tick by which a joint of sample w passes its limit, after a try that ended beyond.
