@@ -20,7 +20,7 @@ module campaign_size
    use statistics_law, only: most_kept, n_points
    use statistics_spectra, only: fitted_together => together
    use statistics_surrogate, only: most_landmarks, outputs_judged, samples_paired
-   use structure_sizes, only: matrices_alone => memory_of_matrices
+   use structure_model, only: matrices_alone => memory_of_matrices
    implicit none(type, external)
    private
    public :: memory_of_rank, n_frequencies, refuse_long_lists, refuse_oversize, results_size

@@ -9,7 +9,7 @@ module config_scene
    use core_complaints, only: complaint_list
    use core_source, only: byte_order_mark, new_source, read_source, source_type
    use core_text, only: nearest_name, to_text
-   use structure_sizes, only: most_dofs
+   use structure_model, only: most_dofs
    implicit none(type, external)
    private
    public :: complaint_list, override_text, parse_scene, read_scene, scene_type

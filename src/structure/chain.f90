@@ -5,10 +5,8 @@
 module structure_chain
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
-   use core_memory, only: gives_memory
    use core_text, only: to_text
-   use structure_model, only: build_structure, damping_type, part_names, structure_type
-   use structure_sizes, only: memory_of_matrices, too_large
+   use structure_model, only: build_structure, damping_type, part_names, structure_type, too_large
    implicit none(type, external)
    private
    public :: build_chain
@@ -35,9 +33,8 @@ contains
                     to_text(n)//')')
          return
       end if
-      if (.not. gives_memory(memory_of_matrices(n, n))) then
-         call raise(error, exit_bad_input, 'chain%n_dof = '//to_text(n)//': '// &
-                    too_large(memory_of_matrices(n, n)))
+      if (too_large(n, n) /= '') then
+         call raise(error, exit_bad_input, 'chain%n_dof = '//to_text(n)//': '//too_large(n, n))
          return
       end if
       structure%joint_stiffness = contact_stiffness

@@ -4,11 +4,10 @@
 module structure_matrix_market
    use core_complaints, only: complaint_list, printable
    use core_kinds, only: wp
-   use core_memory, only: gives_memory
    use core_source, only: read_source, source_type
    use core_table, only: next_word, parse_row, parse_rows, table_type
    use core_text, only: lowered, to_text
-   use structure_sizes, only: memory_of_matrices, most_dofs, too_large
+   use structure_model, only: most_dofs, too_large
    implicit none(type, external)
    private
    public :: matrix_file, read_matrix
@@ -160,10 +159,8 @@ contains
             reader%rule = shown(reader)//': must be the 3 sizes: rows, columns, entries'
       else if (any(sizes(:2) < 1.0_wp .or. sizes(:2) > most_dofs)) then
          reader%rule = shown(reader)//': rows and columns must be from 1 to '//to_text(most_dofs)
-      else if (.not. gives_memory(memory_of_matrices(int(sizes(1)), &
-                                                     int(sizes(2) - sizes(1))))) then
-         reader%rule = shown(reader)//': '// &
-                       too_large(memory_of_matrices(int(sizes(1)), int(sizes(2) - sizes(1))))
+      else if (too_large(int(sizes(1)), int(sizes(2) - sizes(1))) /= '') then
+         reader%rule = shown(reader)//': '//too_large(int(sizes(1)), int(sizes(2) - sizes(1)))
       else if (reader%is_symmetric .and. abs(sizes(1) - sizes(2)) > 0.0_wp) then
          reader%rule = shown(reader)//': a symmetric matrix must have as many rows as columns'
       else if (sizes(3) < 0.0_wp .or. sizes(3) > sizes(1)*sizes(2)) then

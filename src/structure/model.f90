@@ -6,12 +6,16 @@
 module structure_model
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: two_pi, wp
+   use core_memory, only: gives_memory
    use core_text, only: to_text
    use numerics_lapack, only: multiply, solve_positive_definite, solve_symmetric_eigenproblem
    implicit none(type, external)
    private
    public :: build_structure, damping_type, part_names, structure_type
+   public :: memory_of_matrices, most_dofs, too_large
 
+   !> LAPACK counts its workspace, 2 n^2 + 6 n + 1 numbers of an eigenproblem, by a default integer
+   integer, parameter :: most_dofs = 32766
    real(wp), parameter :: least_share = 1.0e-10_wp   !! times the largest eigenvalue: zero
 
    !> One structure. Matrices are full; has_lumped_mass says that M is diagonal.
@@ -53,6 +57,28 @@ module structure_model
    end type part_names
 
 contains
+
+   !> Bytes of the matrices of a structure and of its march, which are full: 8 of (dof, dof) and of
+   !> (dof, joint), 8 bytes a number.
+   elemental function memory_of_matrices(n_dof, n_joints) result(bytes)
+      integer, intent(in) :: n_dof, n_joints
+      real(wp) :: bytes
+
+      bytes = 64.0_wp*n_dof*(real(n_dof, wp) + n_joints)
+   end function memory_of_matrices
+
+   !> Rule of a structure for whose matrices the system does not give the memory; '' where it does.
+   function too_large(n_dof, n_joints) result(text)
+      integer, intent(in) :: n_dof, n_joints
+      character(:), allocatable :: text
+
+      text = ''
+      associate (bytes => memory_of_matrices(n_dof, n_joints))
+         if (.not. gives_memory(bytes)) &
+            text = 'its matrices take '//to_text(nint(bytes/1.0e6_wp))//' MB, which the system '// &
+                   'does not give: reduce the model (python -m entroslip.structure import --modes)'
+      end associate
+   end function too_large
 
    !> Completes a structure whose M, K, joints, directions and load are given: finds the
    !> frequencies, forms C, and refuses what cannot move or would feed energy. Sizes, symmetry and

@@ -1,7 +1,6 @@
 """&structure end to end: the reference cases by namelist, what an importer writes, hostile numbers.
 
 The cases and their exact responses: tests/reference/structures. Their forces are given by files.
-Here too: structure_sizes.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ module config_groups_motion
       visitor_type
    use core_kinds, only: wp
    use dynamics_newmark_march, only: most_halvings
-   use structure_sizes, only: most_dofs
+   use structure_model, only: most_dofs
    implicit none(type, external)
    private
    public :: chain_group, excitation_group, structure_group
