@@ -8,18 +8,18 @@
 !> frequencies and the cases; what each costs was measured on the paper's chain (25 to 400 samples a
 !> case), 20 and 50 masses and a ring of blades.
 module tradeoff_forecast
-   use campaign_plan, only: add_audits, case_type, kept_dofs, plan_type
+   use campaign_plan, only: add_audits, kept_dofs, kept_of, plan_type, reference_for
    use campaign_pooling, only: case_pool, find_points, find_pools
    use campaign_results, only: block_result
    use campaign_runner, only: prepare_runner, runner_type
-   use campaign_sample, only: never, run_block
+   use campaign_sample, only: never
    use campaign_size, only: n_frequencies
    use core_error, only: error_type
    use core_kinds, only: wp
    use statistics_law, only: n_points
    use statistics_spectra, only: last_powerful
    use statistics_surrogate, only: most_landmarks
-   use tradeoff_sample, only: choose_levels, draw_level, level_type
+   use tradeoff_sample, only: choose_levels, draw_level, level_type, march_level
    use tradeoff_settings, only: expected_cost, own_setting, setting_type
    implicit none(type, external)
    private
@@ -62,7 +62,6 @@ contains
       type(plan_type) :: short
       type(runner_type) :: runner, shortest
       type(level_type), allocatable :: levels(:)
-      type(cost_type) :: of_level
       type(setting_type) :: own
       integer :: k
 
@@ -81,17 +80,14 @@ contains
       call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
                           error, like=shortest)
       if (allocated(error)) return
+      short%output%segment_length = min(short%output%segment_length, every*(cost%n_steps/every))
+      short%output%spectrum_every = every
       do k = 1, size(levels)
          call draw_level(short, runner, cost%n_steps, levels(k), error)
          if (allocated(error)) return
-         call time_level(runner, levels(k), every, of_level, error)
+         call time_level(short, runner, levels(k), real(levels(k)%n_all, wp)/sum(levels%n_all), &
+                         cost, error)
          if (allocated(error)) return
-         associate (share => real(levels(k)%n_all, wp)/sum(levels%n_all))
-            cost%nanoseconds = cost%nanoseconds + share*of_level%nanoseconds
-            cost%audit_nanoseconds = cost%audit_nanoseconds + share*of_level%audit_nanoseconds
-            cost%transitions = cost%transitions + share*of_level%transitions
-            cost%share_powerful = max(cost%share_powerful, of_level%share_powerful)
-         end associate
       end do
    end subroutine measure_cost
 
@@ -109,66 +105,60 @@ contains
       steps_for = min(plan%integration%n_steps, max(fewest_steps, int(min(most, 1.0e9_wp))))
    end function steps_for
 
-   !> Times one level of force, by the scene's method and by that of audits, whose blocks are
-   !> narrower.
-   subroutine time_level(like, level, every, cost, error)
+   !> Times one level of force by the scene's method and by that of audits, whose blocks are
+   !> narrower, and adds its share of the cost.
+   subroutine time_level(plan, like, level, share, cost, error)
+      type(plan_type), intent(in) :: plan     !! short
       type(runner_type), intent(in) :: like   !! of all levels
       type(level_type), intent(in) :: level
-      integer, intent(in) :: every
-      type(cost_type), intent(out) :: cost
+      real(wp), intent(in) :: share           !! of all samples
+      type(cost_type), intent(inout) :: cost
       type(error_type), allocatable, intent(out) :: error
-      type(plan_type) :: short
-      type(runner_type) :: runner
-      type(cost_type) :: of_audit
-      integer :: n_audited
+      type(plan_type) :: audit
+      type(runner_type) :: of_audit
+      type(level_type) :: audited
+      type(block_result) :: result
+      real(wp) :: nanoseconds
+      integer :: dof, n
 
-      short = like%plan
-      n_audited = min(size(level%sample), maxval(short%cases%n_samples, &
-                                                 mask=short%cases%audits > 0))
-      associate (n_steps => short%integration%n_steps)
-         short%output%segment_length = min(short%output%segment_length, every*(n_steps/every))
-      end associate
-      short%output%spectrum_every = every
-      short%excitation%kind = 'file'
-      short%excitation%per_sample = size(level%force, 2) > short%structure%n_forces
-      associate (n => size(level%sample))
-         short%cases = [case_type(0, 0.0_wp, n)]
-         if (n_audited > 0) short%cases = [short%cases, case_type(0, 0.0_wp, n_audited, audits=1)]
-      end associate
-      call prepare_runner(short, level%force, runner, error, like)
-      if (.not. allocated(error)) call time_block(runner, 1, level%friction, cost, error)
-      if (.not. allocated(error) .and. n_audited > 0) &
-         call time_block(runner, 2, level%friction(:, :n_audited), of_audit, error)
-      cost%audit_nanoseconds = of_audit%nanoseconds
+      call time_march(plan, like, level, result, nanoseconds, error)
+      if (allocated(error)) return
+      cost%nanoseconds = cost%nanoseconds + share*nanoseconds
+      cost%transitions = cost%transitions + share*sum(result%slip_starts + result%stick_starts) &
+                         /(real(plan%integration%n_steps, wp)*size(level%sample))
+      if (allocated(result%psd)) cost%share_powerful = max( &
+         cost%share_powerful, maxval([(last_powerful(sum(result%psd(dof, :, :), 2)), &
+                                       dof=1, size(result%psd, 1))])/real(size(result%psd, 2), wp))
+      if (.not. allocated(like%reference)) return
+      n = min(size(level%sample), maxval(plan%cases%n_samples, mask=plan%cases%audits > 0))
+      audited = level
+      audited%sample = level%sample(:n)
+      audited%friction = level%friction(:, :n)
+      audit = plan
+      audit%integration = reference_for(plan%integration)
+      audit%output = kept_of(plan, size(plan%cases))
+      of_audit%marcher = like%reference
+      call time_march(audit, of_audit, audited, result, nanoseconds, error)
+      cost%audit_nanoseconds = cost%audit_nanoseconds + share*nanoseconds
    end subroutine time_level
 
-   !> Times a block of one case of a short plan: the lesser time of two, as the first prepares
-   !> transforms.
-   subroutine time_block(runner, case_number, friction, cost, error)
-      type(runner_type), intent(inout) :: runner
-      integer, intent(in) :: case_number
-      real(wp), intent(in) :: friction(:, :)   !! (dof, sample)
-      type(cost_type), intent(out) :: cost
+   !> Times a march: the lesser time of two.
+   subroutine time_march(plan, like, level, result, nanoseconds, error)
+      type(plan_type), intent(in) :: plan
+      type(runner_type), intent(in) :: like
+      type(level_type), intent(in) :: level
+      type(block_result), intent(out) :: result
+      real(wp), intent(out) :: nanoseconds   !! of a processor for a sample-step
       type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: result
-      real(wp) :: after, before, sample_steps
-      integer :: dof, trial
+      real(wp) :: again
       logical :: is_abandoned
 
-      cost%nanoseconds = huge(1.0_wp)
-      sample_steps = real(runner%plan%integration%n_steps, wp)*size(friction, 2)
-      do trial = 1, 2
-         call cpu_time(before)
-         call run_block(runner, case_number, friction, 1, never, result, is_abandoned, error)
-         call cpu_time(after)
-         if (allocated(error)) return
-         cost%nanoseconds = min(cost%nanoseconds, 1.0e9_wp*(after - before)/sample_steps)
-      end do
-      cost%transitions = sum(result%slip_starts + result%stick_starts)/sample_steps
-      if (.not. allocated(result%psd)) return
-      cost%share_powerful = maxval([(last_powerful(sum(result%psd(dof, :, :), 2)), &
-                                     dof=1, size(result%psd, 1))])/real(size(result%psd, 2), wp)
-   end subroutine time_block
+      call march_level(plan, level, own_setting(plan), never, result, nanoseconds, is_abandoned, &
+                       error, like)
+      if (.not. allocated(error)) call march_level(plan, level, own_setting(plan), never, result, &
+                                                   again, is_abandoned, error, like)
+      nanoseconds = min(nanoseconds, again)
+   end subroutine time_march
 
    !> Time [s of a processor] of all pools' regressions.
    pure real(wp) function regression_seconds(plan, every, share_powerful)

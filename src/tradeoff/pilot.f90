@@ -4,12 +4,14 @@
 !> what is kept. One sample of average friction under each excitation tells how much that is; cases
 !> that have both in common share it.
 module tradeoff_pilot
-   use campaign_plan, only: case_type, have_same_force, plan_type
+   use campaign_plan, only: have_same_force, plan_type
    use campaign_results, only: block_result
    use campaign_runner, only: prepare_runner, runner_type
-   use campaign_sample, only: never, run_block
+   use campaign_sample, only: never
    use core_error, only: error_type
    use core_kinds, only: wp
+   use tradeoff_sample, only: level_type, march_level, stripped
+   use tradeoff_settings, only: own_setting
    implicit none(type, external)
    private
    public :: choose_every
@@ -65,45 +67,37 @@ contains
       type(runner_type), intent(in) :: runner      !! of all cases
       real(wp), intent(out) :: psd(:, :, :)        !! (dof, frequency, case)
       type(error_type), allocatable, intent(out) :: error
-      type(runner_type) :: of_cases
+      type(level_type) :: level
       type(block_result) :: result
-      real(wp) :: friction(runner%plan%structure%n_joints, size(cases))
+      real(wp) :: nanoseconds
       logical :: is_abandoned
       integer :: i
 
-      of_cases = runner
-      if (allocated(of_cases%force)) deallocate (of_cases%force)
-      associate (n => runner%plan%structure%n_forces)
-         allocate (of_cases%force(0:runner%plan%integration%n_steps, n*size(cases)))
+      level%sample = spread(1, 1, size(cases))
+      associate (plan => runner%plan, n => runner%plan%structure%n_forces)
+         allocate (level%friction(plan%structure%n_joints, size(cases)), &
+                   level%force(0:plan%integration%n_steps, n*size(cases)))
          do i = 1, size(cases)
-            friction(:, i) = average_friction(runner%plan, cases(i))
-            call runner%force_of(cases(i), 1, of_cases%force(:, n*(i - 1) + 1:n*i), error)
+            level%friction(:, i) = average_friction(plan, cases(i))
+            call runner%force_of(cases(i), 1, level%force(:, n*(i - 1) + 1:n*i), error)
             if (allocated(error)) return
          end do
+         call march_level(plan, level, own_setting(plan), never, result, nanoseconds, &
+                          is_abandoned, error, runner)
       end associate
-      of_cases%plan%excitation%kind = 'file'
-      of_cases%plan%excitation%per_sample = .true.
-      of_cases%plan%cases = [case_type(n_samples=size(cases))]
-      call run_block(of_cases, 1, friction, 1, never, result, is_abandoned, error)
       if (.not. allocated(error)) psd(:, :, :) = result%psd
    end subroutine march_cases
 
-   !> The plan with a short march at the full rate, and nothing kept but spectra.
+   !> A stripped plan with a short march at the full rate.
    pure function shortened(plan) result(short)
       type(plan_type), intent(in) :: plan
       type(plan_type) :: short
 
-      short = plan
+      short = stripped(plan)
       associate (how => short%integration, output => short%output)
          how%n_steps = min(how%n_steps, (pilot_segments + 1)*output%segment_length/2)
-         how%n_discard = 0
          output%segment_length = min(output%segment_length, how%n_steps)
          output%spectrum_every = 1
-         output%energy = .false.
-         output%history = .false.
-         output%harmonic = .false.
-         output%transitions = .false.
-         output%dofs = [integer ::]
       end associate
    end function shortened
 

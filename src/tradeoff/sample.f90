@@ -18,7 +18,7 @@ module tradeoff_sample
    implicit none(type, external)
    private
    public :: level_type, choose_levels, draw_level, march_level
-   public :: fit_segments, shortened, stretch
+   public :: fit_segments, shortened, stretch, stripped
 
    integer, parameter :: most_levels = 4
 
@@ -130,25 +130,32 @@ contains
       end associate
    end function stand_in
 
-   !> A plan of about n_steps, a multiple of `unit` unless the scene has fewer, nothing discarded,
-   !> and nothing kept but slip and spectra.
+   !> The plan with nothing discarded, and nothing kept but slip and spectra.
+   pure function stripped(plan) result(short)
+      type(plan_type), intent(in) :: plan
+      type(plan_type) :: short
+
+      short = plan
+      short%integration%n_discard = 0
+      short%output%energy = .false.
+      short%output%history = .false.
+      short%output%harmonic = .false.
+      short%output%transitions = .false.
+      short%output%dofs = [integer ::]
+   end function stripped
+
+   !> A stripped plan of about n_steps, a multiple of `unit` unless the scene has fewer.
    pure function shortened(plan, every, unit, n_steps) result(short)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every, unit, n_steps
       type(plan_type) :: short
       integer, parameter :: least = 4096   ! steps that show something
 
-      short = plan
+      short = stripped(plan)
       short%integration%n_steps = min(plan%integration%n_steps, max(least, n_steps))
       if (short%integration%n_steps >= unit) &
          short%integration%n_steps = unit*(short%integration%n_steps/unit)
-      short%integration%n_discard = 0
       short%output%spectrum_every = every
-      short%output%energy = .false.
-      short%output%history = .false.
-      short%output%harmonic = .false.
-      short%output%transitions = .false.
-      short%output%dofs = [integer ::]
       call fit_segments(short%integration%n_steps, short)
    end function shortened
 
@@ -166,9 +173,9 @@ contains
    end subroutine fit_segments
 
    !> Marches the samples of a level under its force with one setting. `plan` says how many steps of
-   !> the scene are marched (not more than the level's force has), and what becomes a spectrum.
+   !> the scene are marched (not more than the level's force has), and what is kept of them.
    subroutine march_level(plan, level, setting, should_stop, result, nanoseconds, is_abandoned, &
-                          error)
+                          error, like)
       type(plan_type), intent(in) :: plan
       type(level_type), intent(in) :: level
       type(setting_type), intent(in) :: setting
@@ -177,6 +184,7 @@ contains
       real(wp), intent(out) :: nanoseconds   !! of a processor, per sample and step of the scene
       logical, intent(out) :: is_abandoned
       type(error_type), allocatable, intent(out) :: error
+      type(runner_type), intent(in), optional :: like   !! whose marcher serves again
       type(plan_type) :: short
       type(runner_type) :: runner
       real(wp) :: before, after
@@ -188,7 +196,7 @@ contains
       short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
       short%cases = [case_type(0, 0.0_wp, size(level%sample))]
       call prepare_runner(short, stretch(level%force(:plan%integration%n_steps, :), setting), &
-                          runner, error)
+                          runner, error, like)
       if (allocated(error)) return
       call cpu_time(before)
       call run_block(runner, 1, level%friction, 1, should_stop, result, is_abandoned, error)
