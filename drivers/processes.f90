@@ -14,20 +14,13 @@ module driver_processes
    use process_components, only: component, component_visitor, forget_components, visit_components
    use process_direct_constraint, only: constraint_of
    use process_direct_fit, only: check_by_inversion, count_parts
-   use process_direct_sign_search, only: add_search, pack_search, search_all_signs, &
-                                         search_result, unpack_search
+   use process_direct_sign_search, only: add_search, restore_search, search_all_signs, search_result
    use process_fit, only: fit_from_search, fit_process
    use process_model, only: process_model_type, process_request
    use process_scaling, only: carry_over, first_of_fit, unit_request
    implicit none(type, external)
    private
    public :: solve_processes
-
-   !> Unit of work of a rank: a process, or a part of its search for signs.
-   type :: share_type
-      integer :: process = 0
-      integer :: part = 1, n_parts = 1
-   end type share_type
 
    !> Hands each component of a model to all ranks.
    type, extends(component_visitor) :: sharing_visitor
@@ -39,10 +32,10 @@ module driver_processes
 
 contains
 
-   !> Solves each process, those that differ only in scale by one fit, spread over the ranks, long
-   !> searches in parts; all ranks get all models. With an output, takes the processes it has and
-   !> stores each new one at once. When a stop is requested meanwhile, or after an error, the rest
-   !> stays unsolved, without a reason. Collective.
+   !> Solves each process, those that differ only in scale by one fit, spread over the ranks, then
+   !> long searches, each by all ranks; all ranks get all models. With an output, takes the
+   !> processes it has and stores each new one at once. When a stop is requested meanwhile, or after
+   !> an error, the rest stays unsolved, without a reason. Collective.
    subroutine solve_processes(world, plan, is_quiet, models, output, error, only)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -52,12 +45,12 @@ contains
       type(error_type), allocatable, intent(out), optional :: error   !! with an output
       integer, intent(in), optional :: only   !! the one process that is wanted; 0: none
       type(process_request) :: requests(size(plan%processes))   ! of the fits
-      type(search_result) :: searches(size(plan%processes))   ! this rank's parts, merged
       type(process_model_type) :: fit
-      type(share_type), allocatable :: shares(:)
       type(work_counter) :: counter
       type(progress_type) :: progress
-      integer :: first(size(plan%processes)), owner(size(plan%processes)), i, item
+      integer, dimension(size(plan%processes)) :: first, n_parts, owner
+      integer, allocatable :: fits(:)
+      integer :: i, item
       logical :: is_missing(size(plan%processes))
       type(error_type), allocatable :: failure
 
@@ -66,42 +59,36 @@ contains
       do i = 1, size(models)
          models(i)%request = plan%processes(i)
          requests(i) = unit_request(plan%processes(i))
+         n_parts(i) = count_parts(requests(i))
       end do
       first = first_of_fit(plan%processes)
       owner = -1
       if (present(output)) call take_kept(output, models, owner, failure)
       is_missing = owner < 0
       if (present(only)) is_missing = is_missing .and. [(i == only, i=1, size(models))]
-      shares = all_shares(requests, [(any(is_missing .and. first == i), i=1, size(models))])
-      call new_counter(world, size(shares), counter)
-      if (size(shares) > 0 .and. .not. is_quiet) &
-         call progress%start(size(shares), 0, trim(merge('processes         ', &
-                                                         'parts of processes', &
-                                                         all(shares%n_parts == 1))))
+      ! the longest fits in front: of high order, and of these the ones near the limit of std/mean
+      fits = sort_order(-(requests%order + requests%std))
+      fits = pack(fits, [(any(is_missing .and. first == fits(i)), i=1, size(fits))])
+      call new_counter(world, size(fits), counter)
+      if (size(fits) > 0 .and. .not. is_quiet) call progress%start(size(fits), 0, 'processes')
       do
          item = counter%next(stops=time_to_stop() .or. allocated(failure))
          if (item == 0) exit
          call progress%show(max(0, item - world%n_ranks))
-         associate (share => shares(item))
-            if (share%n_parts > 1) then
-               call search_part(requests(share%process), share, searches(share%process))
-            else
-               call solve(requests(share%process), plan%seed, fit)
-               call hand_out(world, plan, fit, is_missing .and. first == share%process, models, &
-                             owner, failure, output)
-            end if
-         end associate
+         if (n_parts(fits(item)) > 1) cycle
+         call solve(requests(fits(item)), plan%seed, fit)
+         call hand_out(world, plan, fit, is_missing .and. first == fits(item), models, owner, &
+                       failure, output)
       end do
       call counter%close()
       call progress%finish()
-      do i = 1, size(shares)
-         if (shares(i)%n_parts == 1 .or. shares(i)%part > 1) cycle
-         associate (number => shares(i)%process)
-            call finish_search(world, requests(number), searches(number), fit)
-            if (fit%is_solved .or. allocated(fit%reason)) &
-               call hand_out(world, plan, fit, is_missing .and. first == number, models, owner, &
-                             failure, output)
-         end associate
+      do i = 1, size(fits)
+         if (n_parts(fits(i)) == 1) cycle
+         call search_together(world, requests(fits(i)), n_parts(fits(i)), allocated(failure), &
+                              is_quiet, fit)
+         if (fit%is_solved .or. allocated(fit%reason)) &
+            call hand_out(world, plan, fit, is_missing .and. first == fits(i), models, owner, &
+                          failure, output)
       end do
       call tell_all(world, owner, models)
       if (present(error)) call move_alloc(failure, error)
@@ -149,24 +136,6 @@ contains
       owner = known
    end subroutine take_kept
 
-   !> Order of the fits: whole ones first, the longest in front: those of high order, and of these
-   !> the ones near the limit of std/mean; then the parts.
-   function all_shares(requests, is_chosen) result(shares)
-      type(process_request), intent(in) :: requests(:)
-      logical, intent(in) :: is_chosen(:)   !! (process)
-      type(share_type), allocatable :: shares(:)
-      integer :: n_parts(size(requests)), i, part
-      integer, allocatable :: ranking(:)
-
-      n_parts = [(count_parts(requests(i)), i=1, size(n_parts))]
-      ranking = sort_order(-(requests%order + requests%std))
-      where (.not. is_chosen) n_parts = 0
-      ranking = [pack(ranking, n_parts(ranking) == 1), pack(ranking, n_parts(ranking) > 1)]
-      allocate (shares(sum(n_parts)))
-      shares = [((share_type(ranking(i), part, n_parts(ranking(i))), part=1, n_parts(ranking(i))), &
-                 i=1, size(ranking))]
-   end function all_shares
-
    !> Solves a process, and checks it by the paper's inversion where that is asked for.
    subroutine solve(request, seed, model)
       type(process_request), intent(in) :: request
@@ -181,43 +150,47 @@ contains
       call check_inversion(model)
    end subroutine solve
 
-   !> Adds one part of a search to what this rank has found.
-   subroutine search_part(request, share, search)
-      type(process_request), intent(in) :: request
-      type(share_type), intent(in) :: share
-      type(search_result), intent(inout) :: search
-      type(search_result) :: found
-      real(wp) :: finish, start
-
-      call cpu_time(start)
-      call search_all_signs(constraint_of(request), share%part, share%n_parts, found)
-      call cpu_time(finish)
-      found%seconds = finish - start
-      call add_search(found, search)
-   end subroutine search_part
-
-   !> Joins all ranks' parts of a search; the root concludes if none is missing. Collective.
-   subroutine finish_search(world, request, search, model)
+   !> Solves all sequences of signs of a process, a part at a time by any rank; the root concludes
+   !> if none is missing. Collective.
+   subroutine search_together(world, request, n_parts, stops, is_quiet, model)
       type(world_type), intent(in) :: world
       type(process_request), intent(in) :: request
-      type(search_result), intent(in) :: search       !! result of this rank
+      integer, intent(in) :: n_parts
+      logical, intent(in) :: stops   !! before the first part, for an error of this rank
+      logical, intent(in) :: is_quiet
       type(process_model_type), intent(out) :: model
-      type(search_result) :: found, merged
-      real(wp), allocatable :: numbers(:)
-      integer :: rank
+      type(search_result) :: found, search   ! of a part; of all that this rank has taken
+      type(work_counter) :: counter
+      type(progress_type) :: progress
+      real(wp), allocatable :: numbers(:)    ! of its solutions
+      real(wp) :: finish, start, sums(3)
+      integer :: part
 
-      do rank = 0, world%n_ranks - 1
-         if (rank == world%rank) numbers = pack_search(search)
-         call world%broadcast(numbers, from=rank)
-         if (.not. world%is_root()) cycle
-         call unpack_search(numbers, constraint_of(request), found)
-         call add_search(found, merged)
+      call add_search(found, search)   ! empty: a rank may take no part
+      call new_counter(world, n_parts, counter)
+      if (.not. is_quiet) call progress%start(n_parts, 0, 'parts of a process')
+      do
+         part = counter%next(stops=time_to_stop() .or. stops)
+         if (part == 0) exit
+         call progress%show(max(0, part - world%n_ranks))
+         call cpu_time(start)
+         call search_all_signs(constraint_of(request), part, n_parts, found)
+         call cpu_time(finish)
+         found%seconds = finish - start
+         call add_search(found, search)
       end do
+      call counter%close()
+      call progress%finish()
+      sums = [real(wp) :: search%n_examined, search%n_consistent, search%seconds]
+      numbers = real(search%solutions%number, wp)
+      call world%add_up(size(sums), sums)
+      call world%join(numbers)
       if (.not. world%is_root()) return
-      call fit_from_search(request, merged, model)
-      model%seconds = merged%seconds
+      call restore_search(constraint_of(request), sums, numbers, search)
+      call fit_from_search(request, search, model)
+      model%seconds = search%seconds
       call check_inversion(model)
-   end subroutine finish_search
+   end subroutine search_together
 
    !> Compares the model with the paper's inversion of a finite matrix, where that is asked for.
    subroutine check_inversion(model)

@@ -15,8 +15,8 @@ module process_direct_sign_search
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    implicit none(type, external)
    private
-   public :: search_result, count_sequences, search_all_signs, add_search, pack_search, &
-             unpack_search, search_structured, is_all_plus_best, limit_of_entropy, sequence_signs
+   public :: search_result, count_sequences, search_all_signs, add_search, restore_search, &
+             search_structured, is_all_plus_best, limit_of_entropy, sequence_signs
 
    !> Result of a search, or of a part of one.
    type :: search_result
@@ -86,33 +86,27 @@ contains
       call sort_and_cut(total%solutions)
    end subroutine add_search
 
-   !> Row of numbers of a search, to hand it to another rank: its solutions by their numbers.
-   pure function pack_search(search) result(numbers)
-      type(search_result), intent(in) :: search
-      real(wp), allocatable :: numbers(:)   !! whole ones are exact up to 2**53
-
-      numbers = [real(wp) :: search%n_examined, search%n_consistent, search%seconds]
-      if (allocated(search%solutions)) numbers = [numbers, real(search%solutions%number, wp)]
-   end function pack_search
-
-   !> Fills a search from its row, its few solutions by solving them once more: the same bits.
-   subroutine unpack_search(numbers, constraint, search)
-      real(wp), intent(in) :: numbers(:)
+   !> Restores a search from the sums of its parts and the numbers of their few solutions, which are
+   !> solved once more: the same bits.
+   subroutine restore_search(constraint, sums, numbers, search)
       type(length_constraint), intent(in) :: constraint
+      real(wp), intent(in) :: sums(3)      !! examined, consistent, seconds; exact up to 2**53
+      real(wp), intent(in) :: numbers(:)   !! of the sequences
       type(search_result), intent(out) :: search
       integer :: i
 
-      search%n_examined = nint(numbers(1), long)
-      search%n_consistent = nint(numbers(2), long)
-      search%seconds = numbers(3)
-      allocate (search%solutions(size(numbers) - 3))
-      do i = 1, size(search%solutions)
-         associate (number => nint(numbers(3 + i), long))
+      search%n_examined = nint(sums(1), long)
+      search%n_consistent = nint(sums(2), long)
+      search%seconds = sums(3)
+      allocate (search%solutions(size(numbers)))
+      do i = 1, size(numbers)
+         associate (number => nint(numbers(i), long))
             call solve_sequence(constraint, sequence_signs(constraint, number), search%solutions(i))
             search%solutions(i)%number = number
          end associate
       end do
-   end subroutine unpack_search
+      call sort_and_cut(search%solutions)
+   end subroutine restore_search
 
    !> Searches a few sequences that are likely to win: improves each until it is consistent, then
    !> turns signs of the best one by one and, where they are few, pair by pair.
