@@ -116,7 +116,6 @@ contains
       type(output_type), intent(out) :: output
       type(stored_samples) :: stored
       type(error_type), allocatable :: error
-      integer :: c
 
       call name_output(world, line, scene, '.h5', output)
       call refuse_long_lists(plan, error)
@@ -130,11 +129,6 @@ contains
       call tell_folder(output%path, output%lock%n_folders, output%is_quiet)
       output%is_complete = world%any_true(output%is_complete)   ! the root knows
       call world%broadcast(output%n_stored)
-      allocate (output%is_finished(maxval([plan%cases%n_samples, 0]), size(plan%cases)), &
-                source=.false.)
-      do c = 1, size(plan%cases)
-         output%is_finished(:min(output%n_stored(c), plan%cases(c)%n_samples), c) = .true.
-      end do
       if (output%is_complete) return
       call output%list_stored(plan, stored, error)
       if (.not. allocated(error)) call output%verify(stored, error)
@@ -167,17 +161,19 @@ contains
          call remove_leftovers(output%store, error)
    end subroutine take_place
 
-   !> Marks the samples that have a shard.
+   !> Marks the samples that are stored, in shards or in an earlier results file.
    subroutine mark_finished(plan, shards, output)
       type(plan_type), intent(in) :: plan
       type(shard_type), intent(in) :: shards(:)
       type(output_type), intent(inout) :: output
       integer :: c
 
+      if (allocated(output%is_finished)) deallocate (output%is_finished)
+      allocate (output%is_finished(maxval([plan%cases%n_samples, 0]), size(plan%cases)), &
+                source=.false.)
       do c = 1, size(plan%cases)
          associate (n => plan%cases(c)%n_samples)
-            output%is_finished(:n, c) = output%is_finished(:n, c) .or. &
-                                        finished_samples(shards, c, n)
+            output%is_finished(:n, c) = finished_samples(shards, c, n)
          end associate
       end do
    end subroutine mark_finished
@@ -257,11 +253,7 @@ contains
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
       type(stored_samples) :: stored
-      logical, allocatable :: before(:, :)
 
-      call move_alloc(self%is_finished, before)
-      allocate (self%is_finished(maxval(plan%cases%n_samples), size(plan%cases)), source=.false.)
-      self%is_finished(:size(before, 1), :) = before
       call self%list_stored(plan, stored, error)
       call mark_finished(plan, stored%shards, self)
    end subroutine look_again
