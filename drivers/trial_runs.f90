@@ -74,6 +74,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(work_counter) :: counter
       type(progress_type) :: progress
+      real(wp) :: cost(size(tradeoff%tasks))
       integer :: owner(size(tradeoff%tasks))
       logical :: is_abandoned
       integer :: i, n
@@ -92,12 +93,14 @@ contains
       end do
       call counter%close()
       call progress%finish()
+      cost = tradeoff%found%cost   ! zero, as the samples are, where another rank has the task
+      call world%add_up(n, cost)
+      tradeoff%found%cost = cost
       do i = 1, n
          owner(i) = world%maximum(owner(i))
          if (owner(i) < 0) cycle
          associate (found => tradeoff%found(i))
-            call world%broadcast(found%cost, owner(i))
-            call world%broadcast(found%n_samples, owner(i))
+            found%n_samples = world%maximum(found%n_samples)
             call world%broadcast(found%errors, owner(i))
             call world%broadcast(found%value, owner(i))
             call world%broadcast(found%plain_error, owner(i))

@@ -27,14 +27,14 @@ module parallel_world
       procedure :: is_root
       procedure :: stop_on
       procedure :: wait_for_all
-      generic :: broadcast => broadcast_integer, broadcast_integers, broadcast_real, &
-         broadcast_reals, broadcast_matrix, broadcast_text
+      generic :: broadcast => broadcast_integer, broadcast_integers, broadcast_matrix, &
+         broadcast_text
       procedure :: any_true
       procedure :: maximum
       procedure :: add_up
       procedure :: join
-      procedure, private :: broadcast_integer, broadcast_integers, broadcast_real, &
-         broadcast_reals, broadcast_matrix, broadcast_text
+      procedure, private :: broadcast_integer, broadcast_integers, broadcast_matrix, &
+         broadcast_text
    end type world_type
 
    !> The world of a communicator, as an MPI handle of either kind.
@@ -220,8 +220,8 @@ contains
       if (self%n_ranks > 1) call MPI_Allreduce(value, largest, 1, MPI_INTEGER, MPI_MAX, self%comm)
    end function maximum
 
-   !> Sends a value from one rank (the root, or `from`) to all; collective. Texts and allocatable
-   !> reals take its shape, or are unallocated if it is.
+   !> Sends a value from one rank (the root, or `from`) to all; collective. Lists, matrices and
+   !> texts take its shape; the last two are unallocated if it is.
    subroutine broadcast_integer(self, value, from)
       class(world_type), intent(in) :: self
       integer, intent(inout) :: value
@@ -234,56 +234,27 @@ contains
       class(world_type), intent(in) :: self
       integer, allocatable, intent(inout) :: values(:)
       integer, intent(in), optional :: from
-      integer :: n
+      real(wp), allocatable :: column(:, :)   ! holds them exactly
 
-      if (self%n_ranks == 1) return
-      n = 0
-      if (self%rank == source(from)) n = size(values)
-      call self%broadcast(n, from)
-      if (self%rank /= source(from)) then
-         if (allocated(values)) deallocate (values)
-         allocate (values(n))
-      end if
-      ! a section, as MPICH gives an array bounds from 0 where gfortran 11 compiled the call
-      call MPI_Bcast(values(:), n, MPI_INTEGER, source(from), self%comm)
-   end subroutine broadcast_integers
-
-   subroutine broadcast_real(self, value, from)
-      class(world_type), intent(in) :: self
-      real(wp), intent(inout) :: value
-      integer, intent(in), optional :: from
-
-      if (self%n_ranks > 1) call MPI_Bcast(value, 1, MPI_DOUBLE_PRECISION, source(from), self%comm)
-   end subroutine broadcast_real
-
-   subroutine broadcast_reals(self, values, from)
-      class(world_type), intent(in) :: self
-      real(wp), allocatable, intent(inout) :: values(:)
-      integer, intent(in), optional :: from
-      real(wp), allocatable :: column(:, :)
-
-      if (self%rank == source(from) .and. allocated(values)) &
-         column = reshape(values, [size(values), 1])
+      if (allocated(values)) column = reshape(real(values, wp), [size(values), 1])
       call self%broadcast(column, from)
-      if (allocated(values)) deallocate (values)
-      if (allocated(column)) values = column(:, 1)
-   end subroutine broadcast_reals
+      values = nint(column(:, 1))
+   end subroutine broadcast_integers
 
    subroutine broadcast_matrix(self, values, from)
       class(world_type), intent(in) :: self
       real(wp), allocatable, intent(inout) :: values(:, :)
       integer, intent(in), optional :: from
-      integer, allocatable :: extent(:)
+      integer :: extent(2)
 
       if (self%n_ranks == 1) return
-      if (self%rank == source(from)) then
-         extent = [-1, -1]
-         if (allocated(values)) extent = shape(values)
-      end if
-      call self%broadcast(extent, from)
+      extent = -1
+      if (allocated(values)) extent = shape(values)
+      call MPI_Bcast(extent, 2, MPI_INTEGER, source(from), self%comm)
       if (self%rank /= source(from) .and. allocated(values)) deallocate (values)
       if (extent(1) < 0) return
       if (self%rank /= source(from)) allocate (values(extent(1), extent(2)))
+      ! a section, as MPICH gives an array bounds from 0 where gfortran 11 compiled the call
       call MPI_Bcast(values(:, :), size(values), MPI_DOUBLE_PRECISION, source(from), self%comm)
    end subroutine broadcast_matrix
 
