@@ -73,35 +73,28 @@ contains
       call start_anew()
    end subroutine restart_without_threads
 
-   !> Replaces this program by itself, with the same arguments.
+   !> Replaces this program by itself, with the arguments that Linux keeps of it, each with its null
+   !> character.
    subroutine start_anew()
-      type(c_ptr), allocatable :: arguments(:)
+      character(kind=c_char), allocatable, target :: words(:)
+      character(kind=c_char) :: letter
       integer, allocatable :: starts(:)
-      character(kind=c_char, len=1), allocatable, target :: words(:)
-      character(:), allocatable :: word
       integer(c_int) :: ignored
-      integer :: i, j, length, n
+      integer :: i, status, unit
 
-      n = command_argument_count()
-      allocate (arguments(0:n + 1), starts(0:n + 1))
-      starts(0) = 1
-      do i = 0, n
-         call get_command_argument(i, length=length)
-         starts(i + 1) = starts(i) + length + 1
+      open (newunit=unit, file='/proc/self/cmdline', access='stream', form='unformatted', &
+            action='read', iostat=status)
+      if (status /= 0) return
+      allocate (words(0))
+      do
+         read (unit, iostat=status) letter
+         if (status /= 0) exit
+         words = [words, letter]
       end do
-      allocate (words(starts(n + 1)))
-      do i = 0, n
-         allocate (character(starts(i + 1) - starts(i) - 1) :: word)
-         call get_command_argument(i, word)
-         do j = 1, len(word)
-            words(starts(i) + j - 1) = word(j:j)
-         end do
-         words(starts(i + 1) - 1) = c_null_char
-         arguments(i) = c_loc(words(starts(i)))
-         deallocate (word)
-      end do
-      arguments(n + 1) = c_null_ptr
-      ignored = c_execv('/proc/self/exe'//c_null_char, arguments)
+      close (unit)
+      starts = pack([(i, i=1, size(words))], [c_null_char, words(:size(words) - 1)] == c_null_char)
+      ignored = c_execv('/proc/self/exe'//c_null_char, &
+                        [(c_loc(words(starts(i))), i=1, size(starts)), c_null_ptr])
    end subroutine start_anew
 
    !> Raises an error if the system refuses the memory that libraries take at their start.
