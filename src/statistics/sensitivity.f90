@@ -55,7 +55,7 @@ contains
       allocate (to_u(n_terms, 1 + size(surrogate%eigenvalue)))   ! u, its changes with features
       call multiply(view%rows, weighted, of_rows)
       call average_features(surrogate, of_rows, 0.0_wp, of_features)
-      to_u(:, 1) = matmul(values, weighted)
+      to_u(:, 1) = matmul(values - dot_product(law%weight, values), weighted)
       to_u(:, 2:) = transpose(of_features)
       allocate (to_b, source=to_u)   ! b and its changes
       call solve_positive_definite(square, to_b, error)
