@@ -6,7 +6,7 @@ module driver_estimate
    use core_error, only: error_type, exit_bad_input, exit_done, exit_file, raise
    use core_kinds, only: long, wp
    use core_terminal, only: say
-   use core_text, only: brief, counted, labelled, to_text
+   use core_text, only: brief, counted, labelled, shell_word, to_text
    use driver_campaign, only: tell_folder
    use driver_command_line, only: command_line
    use io_files, only: exists, folder_of, make_folder, sync_file
@@ -129,9 +129,11 @@ contains
       character(:), allocatable :: text
 
       text = 'written to '//scene//'; to draw the values beside the process:'//lf// &
-             '  entroslip run '//scene//' --set process%n_points='//to_text(found%n_points)// &
+             '  entroslip run '//shell_word(scene)// &
+             ' --set process%n_points='//to_text(found%n_points)// &
              ' --set process%n_realizations='//to_text(n_copies*found%n_records)//lf// &
-             '  python -m entroslip '//scene_name(scene)//'.h5 --measured '//data//' --out figures'
+             '  python -m entroslip '//shell_word(scene_name(scene)//'.h5')//' --measured '// &
+             shell_word(data)//' --out figures'
    end function how_to_draw
 
    pure function with_error(value, error) result(text)

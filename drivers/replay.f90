@@ -9,7 +9,7 @@ module driver_replay
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, raise
    use core_kinds, only: wp
-   use core_text, only: counted, to_text
+   use core_text, only: counted, shell_word, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_trial_runs, only: keep_targets
    use driver_command_line, only: command_line
@@ -67,7 +67,7 @@ contains
       call clear_away(output, error)
       call output%stop_on(error)
       call output%say(output%path//': its history, transitions and energies. Draw it: '// &
-                      'python -m entroslip '//output%path//' --out figures')
+                      'python -m entroslip '//shell_word(output%path)//' --out figures')
       call output%end_run(exit_done)
    end subroutine replay
 

@@ -11,6 +11,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from shlex import quote
 
 import numpy as np
 
@@ -48,7 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             say(f"force: on dof {pair.last()}, the last; --force DOF for another")
         written = write_scene(options.out, pair, joints, scene, options.replace)
         say(f"{options.out}: {', '.join(path.name for path in written)}")
-        say(f"next: put your values into joints.txt, then entroslip check {written[-1]}")
+        scene_path = quote(str(written[-1]))
+        say(f"next: put your values into joints.txt, then entroslip check {scene_path}")
 
     return exit_code(work)
 

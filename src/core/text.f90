@@ -7,7 +7,7 @@ module core_text
    private
    public :: lowered, nearest_name, parse_integer, parse_real, rounded_text, to_text
    public :: brief, counted, duration, joined, labelled, numbered, numbers_text, padded, &
-             size_text, suggestion
+             shell_word, size_text, suggestion
 
    !> Shortest usual form of a value, without blanks: 7, -2.0, 1.5E-9, T.
    interface to_text
@@ -297,6 +297,24 @@ contains
       text = '; there are '//joined(known)
       if (nearest /= '') text = ', did you mean '//trim(nearest)//'?'
    end function suggestion
+
+   !> A path as a word of a shell command: quoted where it has blanks or signs of the shell.
+   pure function shell_word(path) result(word)
+      character(*), intent(in) :: path
+      character(:), allocatable :: word
+      character(*), parameter :: quote = "'", signs = ' !"#$&()*;<>?[]^`{|}~'//quote//'\'
+      integer :: i
+
+      word = path
+      if (scan(path, signs) == 0) return
+      word = quote
+      do i = 1, len(path)
+         if (path(i:i) == quote) word = word//quote//'\'   ! ends the quotes for one sign
+         word = word//path(i:i)
+         if (path(i:i) == quote) word = word//quote
+      end do
+      word = word//quote
+   end function shell_word
 
    !> A count with its noun: 1 case, 2 cases.
    pure function counted(n, one, many) result(text)

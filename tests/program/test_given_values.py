@@ -44,10 +44,10 @@ def test_given_samples_march_as_the_drawn_ones_that_they_are(entroslip, tmp_path
         assert case.attrs["plain_reason"] == "the samples are given: they have no law"
     said = entroslip("check", "s.nml")
     assert re.search(r"p001 +values +- +- +0\.\d+ ", said.stdout)  # no length, no order
-    replayed = entroslip("replay", "s.nml", "--case", "1", "--sample", "4")
+    replayed = entroslip("replay", "s.nml", "--case", "1", "--sample", "4", "--output", "a b.h5")
     assert replayed.returncode == 0, replayed.stderr
-    assert "Draw it: python -m entroslip" in replayed.stdout
-    with h5py.File(tmp_path / "s_c001_s0004.h5") as file:
+    assert "Draw it: python -m entroslip 'a b.h5' --out" in replayed.stdout
+    with h5py.File(tmp_path / "a b.h5") as file:
         assert np.array_equal(file["campaign/c001/friction"][0], friction[3])
 
 
