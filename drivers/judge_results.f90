@@ -80,8 +80,12 @@ contains
       end do
       text = mean_words(plan, largest)
       if (any(errors%n_audited > 0)) then
-         if (text == '') text = 'mean time in slip'
-         text = text//', numerical error '//brief(maxval(errors%slip_points))//' points'
+         if (text == '') then
+            text = 'mean time in slip: '
+         else
+            text = text//', '
+         end if
+         text = text//'numerical error '//brief(maxval(errors%slip_points))//' points'
       end if
       if (any(is_stuck)) call add_part('no joint slips in '//numbers_text('c', is_stuck, 'cases'))
       if (all(errors%n_unsteady == 0)) then

@@ -91,3 +91,11 @@ def test_dofs_that_are_not_kept_are_judged_by_the_others(entroslip, scene, tmp_p
     ratios = open_results(tmp_path / "k.h5").cases[2].data["band_ratio"]
     assert ratios.dims == ("dof",)
     assert np.isnan(ratios.values).tolist() == [True, False]
+
+
+def test_an_audit_of_stuck_joints_reads_as_a_sentence(entroslip, scene):
+    done = entroslip(
+        "run", scene, "--set", "chain%normal_load=1e9", "--set", "integration%n_steps=800"
+    )
+    assert done.returncode == 0, done.stderr
+    assert "; mean time in slip: numerical error 0 points; no joint slips" in done.stdout
