@@ -102,7 +102,7 @@ contains
          else if (.not. allocated(line%scene)) then
             line%scene = word
          else
-            call raise(error, exit_bad_input, 'one scene at a time: '//line%scene//' and '//word)
+            call raise(error, exit_bad_input, 'one file at a time: '//line%scene//' and '//word)
          end if
          if (allocated(error)) return
       end do

@@ -92,7 +92,7 @@ contains
    !> Estimates with their errors, and whether the process explains the values.
    pure function findings(found) result(text)
       type(process_estimate_type), intent(in) :: found
-      character(:), allocatable :: text, lags
+      character(:), allocatable :: text, lags, note
       integer :: n_lags, m
 
       text = labelled('values', counted(found%n_values, 'value', 'values')//' in '// &
@@ -115,10 +115,13 @@ contains
                         judged('distribution', found%p_marginal))
       text = text//labelled('', 'errors are the scatter of the same estimates from '// &
                             'realizations of the process at the same points')
-      if (found%l0 >= found%longest) &
-         text = text//labelled('note', 'L0 is the longest that '//to_text(found%n_values)// &
-                               ' values tell: perhaps they have a trend or a period, or differ '// &
-                               'only from line to line (correlation_length = 1e12)')
+      if (found%l0 < found%longest) return
+      note = 'L0 is the longest that '//to_text(found%n_values)// &
+             ' values tell: perhaps they have a trend or a period'
+      if (found%std_of_lines > 0.0_wp) &
+         note = note//', or differ only from line to line (correlation_length = 1e12, std = '// &
+                brief(found%std_of_lines)//')'
+      text = text//labelled('note', note)
    end function findings
 
    !> Commands that draw the values beside realizations of the process.

@@ -15,10 +15,10 @@ module process_estimate
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
-   use core_text, only: counted, to_text
+   use core_text, only: brief, counted, to_text
    use numerics_lapack, only: solve_positive_definite
    use numerics_sorting, only: sort_order
-   use numerics_statistics, only: standard_deviation
+   use numerics_statistics, only: mean_of => mean, standard_deviation
    use process_autoregressive_fit, only: optimal_reflection
    use process_autoregressive_model, only: autocovariance_of
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
@@ -50,6 +50,7 @@ module process_estimate
       type(process_model_type) :: model         !! solved
       real(wp) :: mean = 0.0_wp, mean_error = 0.0_wp
       real(wp) :: std = 0.0_wp, std_error = 0.0_wp
+      real(wp) :: std_of_lines = 0.0_wp         !! of the means of two records or more
       real(wp) :: l0 = 0.0_wp, l0_error = 0.0_wp, l0_range(2) = 0.0_wp   !! [lags]
       real(wp) :: longest = 0.0_wp              !! L0 of the candidates [lags]
       real(wp) :: l1 = 0.0_wp, l1_error = 0.0_wp, l1_range(2) = 0.0_wp   !! [lags]
@@ -117,8 +118,8 @@ contains
       call fit_process(estimate%request, seed, estimate%model)
       if (.not. estimate%model%is_solved) then
          call raise(error, exit_no_solution, 'no process has the estimates (mean '// &
-                    to_text(estimate%mean)//', std '//to_text(estimate%std)//', L0 '// &
-                    to_text(estimate%l0)//'): '//estimate%model%reason)
+                    brief(estimate%mean)//', std '//brief(estimate%std)//', L0 '// &
+                    brief(estimate%l0)//'): '//estimate%model%reason)
          return
       end if
       allocate (copies(size(values, 1), n_replicates))
@@ -135,11 +136,11 @@ contains
       type(piece_type), allocatable, intent(out) :: pieces(:)
       type(process_estimate_type), intent(inout) :: estimate
       type(piece_type) :: piece
-      real(wp), allocatable :: column(:)
+      real(wp), allocatable :: column(:), means(:)
       integer, allocatable :: there(:)
       integer :: first, i, k, last
 
-      allocate (pieces(0), column(0))
+      allocate (pieces(0), column(0), means(0))
       do i = 1, size(records)
          associate (value => records(i)%value)
             there = pack([(k, k=1, size(value))], mask=.not. ieee_is_nan(value))
@@ -153,7 +154,9 @@ contains
             pieces = [pieces, piece]
          end do
          column = [column, records(i)%value(there)]
+         if (size(there) > 0) means = [means, mean_of(records(i)%value(there))]
       end do
+      if (size(means) > 1) estimate%std_of_lines = standard_deviation(means)
       estimate%n_records = size(records)
       estimate%n_values = size(column)
       values = reshape(column, [size(column), 1])
@@ -420,7 +423,8 @@ contains
       estimate%l1_range = range_of(again%l1)
       estimate%p_correlation = share_above(again%misfit, found%misfit(1))
       estimate%p_marginal = share_above(again%distance, found%distance(1))
-      call correlate((values - estimate%mean)/estimate%std, pieces, estimate%correlation, unused)
+      call correlate((values - mean_of(values))/standard_deviation(values), pieces, &
+                     estimate%correlation, unused)
       estimate%expected = estimate%model%autocovariance(1:lags_tested) &
                           /estimate%model%autocovariance(0)
    end subroutine judge

@@ -110,7 +110,7 @@ def test_all_mistakes_in_one_pass(entroslip, tmp_path):
         (("run",), "run needs a scene: entroslip run SCENE"),
         (("run", "absent.nml"), "absent.nml: no such file"),
         (("/dev/null",), "no command before /dev/null"),
-        (("run", "x.nml", "y.nml"), "one scene at a time: x.nml and y.nml"),
+        (("run", "x.nml", "y.nml"), "one file at a time: x.nml and y.nml"),
         (("run", "x.nml", "--otuput", "r.h5"), "unknown option --otuput, did you mean --output?"),
         (("run", "x.nml", "--otuput=r.h5"), "unknown option --otuput, did you mean --output?"),
         (("run", "x.nml", "--output"), "--output needs a value"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pytest
 
 LINES = (
@@ -81,6 +82,21 @@ def test_a_length_that_is_the_longest_tried_is_noted(entroslip, data):
         done = entroslip("estimate", data)
         assert done.returncode == 0
         assert (note in done.stdout) == is_noted
+
+
+def test_values_that_differ_from_line_to_line_are_noted_with_their_scatter(entroslip, data):
+    """Their correlations are those of the values, whatever std the process found has."""
+    means = np.array([0.21, 0.24, 0.26, 0.29, 0.31, 0.33, 0.36, 0.4])
+    values = means[:, None] + 1e-4 * np.array([0, 1, -1, 2])
+    np.savetxt(data, values)
+    done = entroslip("estimate", data)
+    assert done.returncode == 0, done.stderr
+    said = " ".join(done.stdout.split())
+    std = f"{means.std(ddof=1):.3g}"
+    assert f"only from line to line (correlation_length = 1e12, std = {std})" in said
+    first = float(re.search(r"\(of the process\): ([\d.]+) ", said)[1])
+    row = (values - values.mean()) / values.std(ddof=1)
+    assert first == pytest.approx((row[:, 1:] * row[:, :-1]).mean(), rel=5e-3)
 
 
 def test_a_file_that_is_there_is_left_alone(entroslip, data):
