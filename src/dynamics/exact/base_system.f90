@@ -36,10 +36,8 @@ module dynamics_exact_base_system
       procedure(act), deferred :: run_part
       procedure(correct), deferred :: correct
       procedure(redo), deferred :: redo
-      !> Adds the works of the force and of the dampers over the part. Called before go_on where a
-      !> ledger is kept.
-      procedure(act), deferred :: add_works
-      !> Makes the ends the starts of the next part.
+      !> Makes the ends the starts of the next part. With a ledger, also adds the works of the force
+      !> and of the dampers.
       procedure(act), deferred :: go_on
       procedure(put_state), deferred :: put_state
    end type base_system

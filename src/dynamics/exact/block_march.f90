@@ -119,7 +119,6 @@ contains
       if (.not. room%is_independent) base%paths%is_involved = .false.
       if (base%paths%n_suspects > 0) call make_transitions(base, begin, state, room, error)
       if (allocated(error)) return
-      if (state%keeps_ledger) call base%add_works()
       call base%go_on()
       if (room%has_frictionless) call count_frictionless(base%paths, state)
    end subroutine march_part

@@ -50,7 +50,6 @@ module dynamics_exact_modal_form
       procedure :: redo
       procedure :: go_on
       procedure :: put_state
-      procedure :: add_works
    end type modal_form
 
 contains
@@ -305,30 +304,27 @@ contains
       end associate
    end subroutine redo
 
-   !> Makes the ends the starts.
+   !> See base_system. Modes go to the end of the part with the motion of the sliders (M6).
    subroutine go_on(self)
       class(modal_form), intent(inout) :: self
+      real(wp) :: added(lanes, 2)
       integer :: g
 
-      if (.not. self%keeps_ledger) then
-         do g = 1, self%n_groups
-            call take_sliders(self, g)
-         end do
-      end if
+      do g = 1, self%n_groups
+         associate (sliders => self%sliders, modes => self%modes(:, :, :, g), &
+                    works => self%works(lanes*(g - 1) + 1:lanes*g, :))
+            call push_motion(self%operators, sliders%moved(:sliders%n_moved(g), g), &
+                             sliders%moments(:, :, :, g), self%keeps_ledger, size(modes, 2), &
+                             self%taken, modes)
+            if (.not. self%keeps_ledger) cycle
+            added = 0.0_wp
+            call self%operators%ledger%add_part(g, size(modes, 2), modes, self%taken, &
+                                                self%rates(:, :, :, g), added)
+            works = works + added
+         end associate
+      end do
       call self%paths%exchange_ends()
    end subroutine go_on
-
-   !> Takes the modes of a group to the end of the part, with the motion of the sliders (M6).
-   subroutine take_sliders(self, g)
-      class(modal_form), intent(inout) :: self
-      integer, intent(in) :: g
-
-      associate (sliders => self%sliders)
-         call push_motion(self%operators, sliders%moved(:sliders%n_moved(g), g), &
-                          sliders%moments(:, :, :, g), self%keeps_ledger, size(self%modes, 2), &
-                          self%taken, self%modes(:, :, :, g))
-      end associate
-   end subroutine take_sliders
 
    !> See base_system.
    subroutine put_state(self, displacement, velocity)
@@ -357,22 +353,5 @@ contains
       end subroutine read_shape
 
    end subroutine put_state
-
-   !> See base_system. The modes go on here.
-   subroutine add_works(self)
-      class(modal_form), intent(inout) :: self
-      real(wp) :: of_group(lanes, 2)
-      integer :: g
-
-      do g = 1, self%n_groups
-         call take_sliders(self, g)
-         of_group = 0.0_wp
-         call self%operators%ledger%add_part(g, size(self%modes, 2), self%modes(:, :, :, g), &
-                                             self%taken, self%rates(:, :, :, g), of_group)
-         associate (works => self%works(lanes*(g - 1) + 1:lanes*g, :))
-            works = works + of_group
-         end associate
-      end do
-   end subroutine add_works
 
 end module dynamics_exact_modal_form

@@ -93,17 +93,12 @@ contains
       joints%gain = matmul(transpose(structure%direction), structure%modes_stuck)
       joints%reach = compliances(structure%joint_stiffness, joints%gain, &
                                  structure%frequencies_stuck, 0)
-      if (size(structure%damping_ratio) > 0) then
-         joints%fading = matmul(joints%gain**2, 2.0_wp*structure%damping_ratio &
-                                *two_pi*structure%frequencies_stuck)
-      else
-         allocate (joints%fading(structure%n_joints))
-         do j = 1, structure%n_joints
-            pushed = matmul(structure%modes_stuck, joints%gain(j, :))
-            joints%fading(j) = dot_product(pushed, matmul(structure%damping, pushed))
-         end do
-      end if
-      joints%fading = joints%fading/sum(joints%gain**2, 2)
+      allocate (joints%fading(structure%n_joints))
+      do j = 1, structure%n_joints
+         pushed = matmul(structure%modes_stuck, joints%gain(j, :))
+         joints%fading(j) = dot_product(pushed, matmul(structure%damping, pushed)) &
+                            /sum(joints%gain(j, :)**2)
+      end do
    end subroutine feel_joints
 
    !> Velocity that errors of the paths of joints add up to where a joint slides on, in units of an

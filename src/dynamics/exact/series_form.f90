@@ -35,7 +35,6 @@ module dynamics_exact_series_form
       procedure :: redo
       procedure :: go_on
       procedure :: put_state
-      procedure :: add_works
       procedure :: work
    end type series_form
 
@@ -197,7 +196,8 @@ contains
       real(wp) :: crossing(width, size(self%series%row))
       integer :: finish(0:1), l, round
 
-      if (self%keeps_ledger) call self%add_works()   ! of the others, by the regimes at the start
+      if (self%keeps_ledger) &   ! of the others, by the regimes at the start
+         call count_works(self, spread(1.0_wp, 1, width), .not. self%paths%is_involved)
       self%has_works = self%keeps_ledger
       finish = self%paths%finish
       self%paths%finish = self%paths%spare
@@ -312,6 +312,9 @@ contains
    subroutine go_on(self)
       class(series_form), intent(inout) :: self
 
+      if (self%keeps_ledger .and. .not. self%has_works) &
+         call count_works(self, spread(1.0_wp, 1, width), spread(.true., 1, width))
+      self%has_works = .false.
       call self%paths%exchange_ends()
       call follow_starts(self)
    end subroutine go_on
@@ -338,16 +341,6 @@ contains
          if (size(velocity) > 0) velocity = x(:, :self%series%n_dof, layer(1))/self%h
       end associate
    end subroutine put_state
-
-   !> See base_system. Samples that are marched again have their works from redo.
-   subroutine add_works(self)
-      class(series_form), intent(inout) :: self
-
-      associate (is_counted => .not. (self%paths%is_involved .or. self%has_works))
-         if (any(is_counted)) call count_works(self, spread(1.0_wp, 1, width), is_counted)
-      end associate
-      self%has_works = .false.
-   end subroutine add_works
 
    !> Adds the works of the counted lanes over spans from the start of the paths.
    subroutine count_works(self, span, is_counted)
