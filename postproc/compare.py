@@ -27,8 +27,13 @@ from .table import Table, value_with_error
 
 Values = NDArray[np.float64]
 
+OF_RECORD = (
+    "Where all samples have one force record, the scatter of the changes with the record is not"
+    " included."
+)
 _NORMAL_95 = 1.96  # half width of a 95 % interval, in standard errors
 _SAME = "Both files have the same bits, except when, how long and on how many ranks they ran."
+_ROUNDING = 1.0e-12  # of numbers of samples that do not scatter, relative to them
 _MOST_NAMED = 5  # datasets and attributes that differ
 _NEGLIGIBLE_POWER = 1.0e-4  # share of the mean spectrum beyond the frequencies that are drawn
 
@@ -157,7 +162,7 @@ def std_change(before: Values, after: Values, is_paired: bool) -> Change:
     influences = [
         np.divide(
             (values - values.mean(axis=0)) ** 2, 2.0 * spread,
-            out=np.zeros_like(values), where=spread > 0.0,
+            out=np.zeros_like(values), where=spread > _ROUNDING * np.abs(values).max(axis=0),
         )
         for values, spread in zip((before, after), spreads, strict=True)
     ]  # fmt: skip
@@ -200,7 +205,9 @@ def change_table(before: Results, after: Results, pairs: Sequence[Pair]) -> Tabl
         for text, factor, change in _changes(pair):
             for place in np.flatnonzero(np.isfinite(change.change)):  # of dofs that are kept
                 error, apart = change.error[place], change.error_apart[place]
-                gain = f"{apart / error:.1f}" if pair.is_paired and error > 0.0 else "-"
+                largest = max(abs(change.before[place]), abs(change.after[place]))
+                is_known = pair.is_paired and error > _ROUNDING * largest
+                gain = f"{apart / error:.1f}" if is_known else "-"
                 rows.append(
                     (
                         pair.label, text, str(place + 1),
@@ -220,7 +227,7 @@ def change_table(before: Results, after: Results, pairs: Sequence[Pair]) -> Tabl
         "comparison", f"{after.title} against {before.title}",
         ("case", "statistic", "joint or dof", "before", "after", "change", "gain"), rows,
         f"{how} Values are means over the samples of both files, as in plain/. Standard errors"
-        " in brackets, in units of the last digits.",
+        f" in brackets, in units of the last digits. {OF_RECORD}",
     )  # fmt: skip
 
 

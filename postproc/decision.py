@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .compare import Pair, mean_change, pair_cases
+from .compare import OF_RECORD, Pair, mean_change, pair_cases
 from .results import Results
 from .table import Table, value_with_error
 
@@ -15,8 +15,7 @@ _PERCENT = 100.0
 _NOTE = (
     "Changes of means over the samples of both files, the largest fall of the rms first. Standard"
     " errors are in brackets, in units of the last digits; they are those of the differences sample"
-    " by sample where the seeds agree. Where all samples have one force record, the scatter of the"
-    " changes with the record is not included."
+    f" by sample where the seeds agree. {OF_RECORD}"
 )
 
 

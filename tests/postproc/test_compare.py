@@ -45,6 +45,15 @@ def test_the_error_of_a_paired_mean_is_that_of_the_differences(pair):
     assert (change.error_apart > 5.0 * change.error).all()
 
 
+def test_samples_that_differ_by_rounding_have_no_gain():
+    """Nothing slips: the force gives every sample the same motion, but for its last digits."""
+    before = design(0.5 + 1e-15 * np.arange(4.0)[:, None])
+    after = design(0.7 + 3e-15 * np.arange(4.0)[::-1, None])
+    table = change_table(before, after, pair_cases(before, after))
+    assert {row[-1] for row in table.rows} == {"-"}
+    assert "scatter of the changes with the record is not included" in table.note
+
+
 def test_without_common_samples_errors_add_in_squares(pair):
     change = mean_change(*pair, is_paired=False)
     alone = [values.std(axis=0, ddof=1) / 20.0 for values in pair]
