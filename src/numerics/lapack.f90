@@ -10,9 +10,9 @@ module numerics_lapack
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: find_eigenvalues, find_eigenvectors, invert_matrix, lapack_version, multiply
-   public :: find_symmetric_eigenvectors, solve_linear_system, solve_positive_definite, &
-      solve_symmetric_eigenproblem, unit_matrix
+   public :: find_eigenvalues, invert_matrix, lapack_version, multiply
+   public :: find_symmetric_eigenvectors, solve_banded_factor, solve_linear_system, &
+      solve_positive_definite, solve_symmetric_eigenproblem, unit_matrix
 
    !> The call that sets the number of threads of each threaded BLAS; a reference BLAS has none.
    character(*), parameter :: thread_setters(*) = [character(28) :: &
@@ -87,6 +87,22 @@ module numerics_lapack
          integer, intent(out) :: ipiv(*), info
       end subroutine dgesv
 
+      subroutine dpbtrf(uplo, n, kd, ab, ldab, info)
+         import :: wp
+         character, intent(in) :: uplo
+         integer, intent(in) :: n, kd, ldab
+         real(wp), intent(inout) :: ab(ldab, *)
+         integer, intent(out) :: info
+      end subroutine dpbtrf
+
+      subroutine dtbsv(uplo, trans, diag, n, k, a, lda, x, incx)
+         import :: wp
+         character, intent(in) :: uplo, trans, diag
+         integer, intent(in) :: n, k, lda, incx
+         real(wp), intent(in) :: a(lda, *)
+         real(wp), intent(inout) :: x(*)
+      end subroutine dtbsv
+
       subroutine dposv(uplo, n, nrhs, a, lda, b, ldb, info)
          import :: wp
          character, intent(in) :: uplo
@@ -94,20 +110,6 @@ module numerics_lapack
          real(wp), intent(inout) :: a(lda, *), b(ldb, *)
          integer, intent(out) :: info
       end subroutine dposv
-
-      subroutine dgetrf(m, n, a, lda, ipiv, info)
-         import :: wp
-         integer, intent(in) :: m, n, lda
-         real(wp), intent(inout) :: a(lda, *)
-         integer, intent(out) :: ipiv(*), info
-      end subroutine dgetrf
-
-      subroutine dgetri(n, a, lda, ipiv, work, lwork, info)
-         import :: wp
-         integer, intent(in) :: n, lda, lwork, ipiv(*)
-         real(wp), intent(inout) :: a(lda, *), work(*)
-         integer, intent(out) :: info
-      end subroutine dgetri
    end interface
 
 contains
@@ -195,54 +197,34 @@ contains
                  b, size(b, 1), 0.0_wp, c, size(c, 1))
    end subroutine multiply
 
-   !> Finds all eigenvalues of a general matrix, in LAPACK's order. Fails if an element is not
-   !> finite.
-   subroutine find_eigenvalues(a, eigenvalues, error)
-      real(wp), intent(in) :: a(:, :)                         !! (n, n)
-      complex(wp), allocatable, intent(out) :: eigenvalues(:) !! (n)
+   !> Finds all eigenvalues of a general matrix, in LAPACK's order, and their right eigenvectors. Of
+   !> a pair, one after another, the columns are the real and the imaginary part of the first one's.
+   !> Fails if an element is not finite.
+   subroutine find_eigenvalues(a, eigenvalues, error, eigenvectors)
+      real(wp), intent(in) :: a(:, :)                          !! (n, n)
+      complex(wp), allocatable, intent(out) :: eigenvalues(:)  !! (n)
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: no_vectors(1, 1)
-
-      call call_dgeev(a, 'N', eigenvalues, no_vectors, error)
-   end subroutine find_eigenvalues
-
-   !> Finds all eigenvalues of a general matrix and their right eigenvectors. Of a pair, one after
-   !> another, the columns are the real and the imaginary part of the first one's.
-   subroutine find_eigenvectors(a, eigenvalues, eigenvectors, error)
-      real(wp), intent(in) :: a(:, :)                           !! (n, n)
-      complex(wp), allocatable, intent(out) :: eigenvalues(:)   !! (n)
-      real(wp), allocatable, intent(out) :: eigenvectors(:, :)  !! (n, column)
-      type(error_type), allocatable, intent(out) :: error
-
-      allocate (eigenvectors, mold=a)
-      call call_dgeev(a, 'V', eigenvalues, eigenvectors, error)
-   end subroutine find_eigenvectors
-
-   subroutine call_dgeev(a, form, eigenvalues, eigenvectors, error)
-      real(wp), intent(in) :: a(:, :)
-      character, intent(in) :: form   !! V: with vectors
-      complex(wp), allocatable, intent(out) :: eigenvalues(:)
-      real(wp), intent(inout), contiguous :: eigenvectors(:, :)
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: copy(:, :), re(:), im(:), work(:)
+      real(wp), allocatable, intent(out), optional :: eigenvectors(:, :)   !! (n, column)
+      real(wp), allocatable :: copy(:, :), im(:), re(:), vectors(:, :), work(:)
       real(wp) :: no_left(1, 1)
       integer :: info, n
 
       n = size(a, 1)
       copy = a
-      allocate (re(n), im(n), work(34*n))
+      allocate (re(n), im(n), work(34*n), vectors(n, merge(n, 1, present(eigenvectors))))
       call use_one_thread()
       info = -5   ! LAPACK's way to name its fifth argument
-      if (all(abs(a) <= huge(1.0_wp))) call dgeev('N', form, n, copy, n, re, im, no_left, 1, &
-                                                  eigenvectors, size(eigenvectors, 1), work, &
-                                                  size(work), info)
+      if (all(abs(a) <= huge(1.0_wp))) &
+         call dgeev('N', merge('V', 'N', present(eigenvectors)), n, copy, n, re, im, no_left, 1, &
+                    vectors, n, work, size(work), info)
       if (info /= 0) then
          call raise(error, exit_no_solution, 'eigenvalues of a matrix of order '//to_text(n)// &
                     ': LAPACK dgeev returned '//to_text(info))
          return
       end if
       eigenvalues = cmplx(re, im, wp)
-   end subroutine call_dgeev
+      if (present(eigenvectors)) call move_alloc(vectors, eigenvectors)
+   end subroutine find_eigenvalues
 
    !> Finds x of A x = b, A general.
    subroutine solve_linear_system(a, b, x, error)
@@ -250,23 +232,38 @@ contains
       real(wp), intent(in) :: b(:)               !! (n)
       real(wp), allocatable, intent(out) :: x(:) !! (n)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: factor(:, :), column(:, :)
-      integer, allocatable :: pivots(:)
-      integer :: info, n
+      real(wp) :: column(size(b), 1)
 
-      n = size(b)
-      factor = a
-      column = reshape(b, [n, 1])
-      allocate (pivots(n))
-      call use_one_thread()
-      call dgesv(n, 1, factor, n, pivots, column, n, info)
-      if (info /= 0) then
-         call raise(error, exit_no_solution, 'linear system of order '//to_text(n)// &
-                    ': LAPACK dgesv returned '//to_text(info))
-         return
-      end if
-      x = column(:, 1)
+      column(:, 1) = b
+      call solve_columns(a, column, error)
+      if (.not. allocated(error)) x = column(:, 1)
    end subroutine solve_linear_system
+
+   !> Finds A^-1, A general.
+   subroutine invert_matrix(a, inverse, error)
+      real(wp), intent(in) :: a(:, :)                        !! (n, n)
+      real(wp), allocatable, intent(out) :: inverse(:, :)    !! (n, n)
+      type(error_type), allocatable, intent(out) :: error
+
+      inverse = unit_matrix(size(a, 1))
+      call solve_columns(a, inverse, error)
+   end subroutine invert_matrix
+
+   !> Overwrites B by X of A X = B, A general.
+   subroutine solve_columns(a, b, error)
+      real(wp), intent(in) :: a(:, :)                 !! (n, n)
+      real(wp), intent(inout), contiguous :: b(:, :)  !! (n, right-hand side)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: factor(:, :)
+      integer :: info, n, pivots(size(a, 1))
+
+      n = size(a, 1)
+      factor = a
+      call use_one_thread()
+      call dgesv(n, size(b, 2), factor, n, pivots, b, n, info)
+      if (info /= 0) call raise(error, exit_no_solution, 'matrix of order '//to_text(n)// &
+                                ': it is singular (pivot '//to_text(info)//' is zero)')
+   end subroutine solve_columns
 
    !> Overwrites B by X of A X = B, A symmetric positive definite, and A by its factor.
    subroutine solve_positive_definite(a, b, error)
@@ -282,6 +279,28 @@ contains
                                 to_text(n)//': LAPACK dposv returned '//to_text(info))
    end subroutine solve_positive_definite
 
+   !> Overwrites white noise by x of L' x = noise, where L L' is the banded Toeplitz matrix with
+   !> entries band(abs(i - j)): x has the inverse of that matrix as its covariance.
+   subroutine solve_banded_factor(band, x, error)
+      real(wp), intent(in) :: band(0:)
+      real(wp), intent(inout), contiguous :: x(:)   !! (n)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: factor(:, :)         ! diagonal and those below it, a column each
+      integer :: info, n, width
+
+      n = size(x)
+      width = ubound(band, 1)
+      factor = spread(band, 2, n)
+      call use_one_thread()
+      call dpbtrf('L', n, width, factor, width + 1, info)
+      if (info /= 0) then
+         call raise(error, exit_no_solution, 'banded matrix of order '//to_text(n)// &
+                    ': LAPACK dpbtrf returned '//to_text(info))
+      else
+         call dtbsv('L', 'T', 'N', n, width, factor, width + 1, x, 1)
+      end if
+   end subroutine solve_banded_factor
+
    !> The unit matrix of n rows.
    pure function unit_matrix(n) result(matrix)
       integer, intent(in) :: n
@@ -293,24 +312,5 @@ contains
          matrix(i, i) = 1.0_wp
       end do
    end function unit_matrix
-
-   !> Finds A^-1, A general.
-   subroutine invert_matrix(a, inverse, error)
-      real(wp), intent(in) :: a(:, :)                        !! (n, n)
-      real(wp), allocatable, intent(out) :: inverse(:, :)    !! (n, n)
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: work(:)
-      integer, allocatable :: pivots(:)
-      integer :: info, n
-
-      n = size(a, 1)
-      inverse = a
-      allocate (pivots(n), work(64*n))
-      call use_one_thread()
-      call dgetrf(n, n, inverse, n, pivots, info)
-      if (info == 0) call dgetri(n, inverse, n, pivots, work, size(work), info)
-      if (info /= 0) call raise(error, exit_no_solution, 'inverse of a matrix of order '// &
-                                to_text(n)//': it is singular (pivot '//to_text(info)//' is zero)')
-   end subroutine invert_matrix
 
 end module numerics_lapack

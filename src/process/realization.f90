@@ -11,9 +11,10 @@
 !> covariance G^-1; near the ends of the window that is not the infinite-domain covariance, so a
 !> margin is drawn too and dropped.
 module process_realization
+   use core_error, only: error_type
    use core_kinds, only: wp
    use core_random, only: stream_type
-   use numerics_toeplitz, only: banded_cholesky, factor_banded_toeplitz
+   use numerics_lapack, only: solve_banded_factor
    use process_autoregressive_model, only: innovation_std, reflection_of, step_up
    use process_autoregressive_spectral_factor, only: symbol_of_process
    use process_model, only: process_model_type
@@ -227,18 +228,15 @@ contains
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
-      type(banded_cholesky) :: factor
       real(wp), allocatable :: window(:)
-      logical :: is_positive
+      type(error_type), allocatable :: error
       integer :: margin
 
       margin = min(burn_in_length(model), widest_margin(model))
       allocate (window(size(values) + 2*margin))
-      call factor_banded_toeplitz(symbol_of_process(model%a, model%b0), size(window), factor, &
-                                  is_positive)
-      if (.not. is_positive) error stop 'draw_by_matrix: the model is not stationary'
       call stream%normals(window)
-      call factor%solve_transposed(window)
+      call solve_banded_factor(symbol_of_process(model%a, model%b0), window, error)
+      if (allocated(error)) error stop 'draw_by_matrix: the model is not stationary'
       values = model%mu + window(margin + 1:margin + size(values))
    end subroutine draw_by_matrix
 

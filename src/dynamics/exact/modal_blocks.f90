@@ -8,7 +8,7 @@
 module dynamics_exact_modal_blocks
    use core_error, only: error_type
    use core_kinds, only: wp
-   use numerics_lapack, only: find_eigenvectors, find_symmetric_eigenvectors, invert_matrix, &
+   use numerics_lapack, only: find_eigenvalues, find_symmetric_eigenvectors, invert_matrix, &
                               unit_matrix
    use numerics_sorting, only: sort_order
    implicit none(type, external)
@@ -108,7 +108,7 @@ contains
          end do
       end associate
       poles = [complex(wp) ::]
-      if (n_coupled > 0) call find_eigenvectors(a, poles, vectors, error)
+      if (n_coupled > 0) call find_eigenvalues(a, poles, error, vectors)
       if (allocated(error)) return
       if (n_coupled > 0) call pair_poles(poles, vectors)
       allocate (state(2*n, 2*n), block(2, 2, n), source=0.0_wp)

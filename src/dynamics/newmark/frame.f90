@@ -39,7 +39,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: lost(structure%n_dof, structure%n_joints)
       real(wp) :: rows(structure%n_dof + structure%n_joints, structure%n_dof)
-      integer :: i, j, n
+      integer :: j, n
 
       n = structure%n_dof
       frame%structure = structure
@@ -61,15 +61,8 @@ contains
       frame%n_padded = whole_registers(frame%n_rows)
       frame%is_short = frame%n_padded == register_width
 
-      if (structure%has_lumped_mass()) then
-         allocate (frame%inverse_mass(n, n), source=0.0_wp)
-         do i = 1, n
-            frame%inverse_mass(i, i) = 1.0_wp/structure%mass(i, i)
-         end do
-      else
-         call invert_matrix(structure%mass, frame%inverse_mass, error)
-         if (allocated(error)) return
-      end if
+      call invert_matrix(structure%mass, frame%inverse_mass, error)
+      if (allocated(error)) return
       lost = matmul(frame%inverse_mass, structure%direction)
       frame%kick = frame%rows_of(lost)
       do j = 1, structure%n_joints

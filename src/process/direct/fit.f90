@@ -8,7 +8,6 @@ module process_direct_fit
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use numerics_lapack, only: invert_matrix
-   use numerics_toeplitz, only: dense_toeplitz
    use process_autoregressive_description, only: describe_ar
    use process_autoregressive_fit, only: fit_ar
    use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
@@ -327,12 +326,20 @@ contains
       integer, intent(in) :: half_width               !! M of Eq. (35), at least the order
       type(inversion_check), intent(out) :: check
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: inverse(:, :)
-      integer :: middle
+      real(wp), allocatable :: inverse(:, :), matrix(:, :)
+      integer :: i, m, middle
 
       middle = half_width + 1
-      call invert_matrix(dense_toeplitz(symbol_of_process(model%a, model%b0), 2*half_width + 1), &
-                         inverse, error)
+      allocate (matrix(2*half_width + 1, 2*half_width + 1), source=0.0_wp)
+      associate (g => [symbol_of_process(model%a, model%b0)])   ! (from 1)
+         do i = 1, size(matrix, 1)
+            do m = 0, min(model%order, i - 1)
+               matrix(i, i - m) = g(m + 1)
+               matrix(i - m, i) = g(m + 1)
+            end do
+         end do
+      end associate
+      call invert_matrix(matrix, inverse, error)
       if (allocated(error)) return
       check%half_width = half_width
       allocate (check%autocovariance(0:model%order))
