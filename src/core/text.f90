@@ -109,8 +109,7 @@ contains
       integer(long), intent(in) :: limit
       integer(long), intent(out) :: value
       character(:), allocatable, intent(out) :: rule
-      integer :: first, i
-      integer(long) :: digit
+      integer :: first, status
 
       value = 0
       first = after_sign(text)
@@ -118,16 +117,10 @@ contains
          rule = 'must be a whole number'
          return
       end if
-      do i = first, len(text)
-         digit = iachar(text(i:i)) - iachar('0')
-         if (value > (limit - digit)/10) then
-            rule = 'must be from -'//to_text(limit)//' to '//to_text(limit)
-            value = limit
-            return
-         end if
-         value = 10*value + digit
-      end do
-      if (text(1:1) == '-') value = -value
+      read (text, *, iostat=status) value
+      if (status == 0 .and. value >= -limit .and. value <= limit) return
+      rule = 'must be from -'//to_text(limit)//' to '//to_text(limit)
+      value = limit
    end subroutine parse_integer
 
    !> Reads a finite decimal number, with an exponent after e or d.
