@@ -45,25 +45,17 @@ contains
       class(sparse_matrix), intent(in) :: self
       real(wp), intent(in), contiguous :: x(:)      !! (column)
       real(wp), intent(inout), contiguous :: y(:)   !! (row)
-
-      call put_products(self%n_rows, self%start, self%column, self%value, x, y)
-   end subroutine multiply
-
-   pure subroutine put_products(n_rows, start, column, value, x, y)
-      integer, intent(in) :: n_rows, start(n_rows + 1), column(*)
-      real(wp), intent(in) :: value(*), x(*)
-      real(wp), intent(inout) :: y(n_rows)
       real(wp) :: total
       integer :: i, k
 
-      do i = 1, n_rows
+      do i = 1, self%n_rows
          total = 0.0_wp
-         do k = start(i), start(i + 1) - 1
-            total = total + value(k)*x(column(k))
+         do k = self%start(i), self%start(i + 1) - 1
+            total = total + self%value(k)*x(self%column(k))
          end do
          y(i) = total
       end do
-   end subroutine put_products
+   end subroutine multiply
 
    !> The row of each entry.
    pure function row_of_entries(self) result(row)
