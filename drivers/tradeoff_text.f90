@@ -7,8 +7,8 @@ module driver_tradeoff_text
    use numerics_sorting, only: sort_order
    use process_model, only: process_model_type
    use tradeoff_effects, only: variant_row
-   use tradeoff_front, only: cheapest, error_components, is_random, keeps, sample_steps, &
-      setting_row, size_row, spectrum_row
+   use tradeoff_front, only: error_components, is_random, keeps, sample_steps, setting_row, &
+      size_row, spectrum_row
    use tradeoff_settings, only: setting_dt, setting_type
    use tradeoff_task_results, only: band_ratio, psd_mean, psd_percentiles, slip, slip_std
    use tradeoff_tasks, only: tradeoff_type
@@ -128,7 +128,7 @@ contains
             line = labelled('cheapest', wanted//': no setting that was measured')
             return
          end if
-         best = cheapest(rows, points, ratio, by_work=.false.)
+         best = minloc(rows%cost, 1, mask=keeps(rows, points, ratio))
          line = labelled('cheapest', wanted//': '// &
                          setting_text(rows(best)%setting, plan%integration%dt)//' ('// &
                          run_time(plan, rows(best), n_ranks)//')')
@@ -197,7 +197,7 @@ contains
             words = 'no setting that was measured'
             return
          end if
-         associate (best => cheapest(rows, 0.5_wp*parts(1), 0.0_wp, by_work=.false.))
+         associate (best => minloc(rows%cost, 1, mask=keeps(rows, 0.5_wp*parts(1), 0.0_wp)))
             words = setting_text(rows(best)%setting, plan%integration%dt)//', '// &
                     run_time(plan, rows(best), n_ranks)//' instead of '//now
          end associate

@@ -20,7 +20,7 @@ module driver_trial_runs
    use io_progress, only: progress_type
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: stop_world, world_type
-   use tradeoff_front, only: best, cheapest, keeps, rows_of, setting_row
+   use tradeoff_front, only: best, keeps, rows_of, setting_row
    use tradeoff_marches, only: run_task
    use tradeoff_pilot, only: choose_every
    use tradeoff_settings, only: use_setting
@@ -137,7 +137,7 @@ contains
          if (.not. any(keeps(rows, points, ratio))) &
             call refuse(points, ratio, rows(best(rows, points, ratio)), plan, error)
          call world%stop_on(error)
-         chosen = cheapest(rows, points, ratio, by_work=.true.)
+         chosen = minloc(rows%work, 1, mask=keeps(rows, points, ratio))
       end associate
       call use_setting(rows(chosen)%setting, scene%integration)
       call use_setting(rows(chosen)%setting, plan%integration)

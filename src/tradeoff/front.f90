@@ -13,8 +13,8 @@ module tradeoff_front
    implicit none(type, external)
    private
    public :: error_components, setting_row, size_row, spectrum_row
-   public :: rows_of, size_rows_of, slip_error_to_come, spectrum_rows_of, components_of, cheapest, &
-             best, is_random, keeps, sample_steps
+   public :: rows_of, size_rows_of, slip_error_to_come, spectrum_rows_of, components_of, best, &
+             is_random, keeps, sample_steps
 
    !> A setting measured.
    type :: setting_row
@@ -91,21 +91,6 @@ contains
       beats = a%cost <= b%cost .and. a%error(slip) <= b%error(slip) .and. &
               (a%cost < b%cost .or. a%error(slip) < b%error(slip))
    end function beats
-
-   !> The row of least cost that surely keeps the wanted errors, 0 where none does; by counted work
-   !> where the choice must not depend on how busy a machine is.
-   pure function cheapest(rows, slip_points, ratio, by_work) result(best_row)
-      type(setting_row), intent(in) :: rows(:)
-      real(wp), intent(in) :: slip_points, ratio   !! 0: not wanted
-      logical, intent(in) :: by_work
-      integer :: best_row
-
-      if (by_work) then
-         best_row = minloc(rows%work, 1, mask=keeps(rows, slip_points, ratio))
-      else
-         best_row = minloc(rows%cost, 1, mask=keeps(rows, slip_points, ratio))
-      end if
-   end function cheapest
 
    !> True if the measured error plus twice its standard error is within what is wanted.
    elemental logical function keeps(row, slip_points, ratio)
