@@ -4,9 +4,10 @@
 !> A positive process scales with its mean; any other one with its std, and its mean is added. What
 !> is fitted depends on the request alone, so that its bits do not depend on what else is asked for.
 module process_scaling
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
+   use core_random, only: label_of
    use process_components, only: component, component_visitor, visit_components
-   use process_model, only: process_model_type, process_request
+   use process_model, only: process_model_type, process_request, request_label
    implicit none(type, external)
    private
    public :: unit_request, first_of_fit, carry_over
@@ -41,38 +42,28 @@ contains
    pure function first_of_fit(requests) result(first)
       type(process_request), intent(in) :: requests(:)
       integer :: first(size(requests))
-      type(process_request) :: units(size(requests))
-      integer :: i, j
+      integer(long) :: labels(size(requests))
+      integer :: i
 
-      do i = 1, size(requests)
-         units(i) = unit_request(requests(i))
-         first(i) = i
-         do j = 1, i - 1
-            if (first(j) < j) cycle
-            if (.not. is_same(units(i), units(j))) cycle
-            first(i) = j
-            exit
-         end do
-      end do
+      labels = [(label_of_fit(unit_request(requests(i))), i=1, size(labels))]
+      first = [(findloc(labels, labels(i), 1), i=1, size(labels))]
    end function first_of_fit
 
-   pure function is_same(a, b)
-      type(process_request), intent(in) :: a, b
-      logical :: is_same
+   !> Hash of all that the fit of a request depends on.
+   pure integer(long) function label_of_fit(unit) result(label)
+      type(process_request), intent(in) :: unit
+      type(process_request) :: request
 
-      is_same = a%method == b%method .and. a%correlation == b%correlation .and. &
-                .not. any(abs([a%correlation_length, a%second_length, a%bound_l0, a%bound_l1, &
-                               a%upper_bound, a%mean, a%std] - &
-                              [b%correlation_length, b%second_length, b%bound_l0, b%bound_l1, &
-                               b%upper_bound, b%mean, b%std]) > 0.0_wp) &
-                .and. a%order == b%order .and. a%max_order == b%max_order &
-                .and. a%bound_side == b%bound_side .and. (a%all_signs .eqv. b%all_signs) &
-                .and. a%inversion_half_width == b%inversion_half_width &
-                .and. (a%positive .eqv. b%positive) .and. a%simulation == b%simulation
-      if (is_same .and. a%positive) &
-         is_same = a%sampler == b%sampler .and. a%branch == b%branch &
-                   .and. a%fit_steps == b%fit_steps
-   end function is_same
+      request = unit
+      if (.not. unit%positive) request%sampler = ''   ! of no meaning there
+      label = label_of(request_label(request), &
+                       label_of(trim(unit%bound_side)//' '//trim(unit%simulation)))
+      label = label_of(label, merge(1, 0, unit%all_signs))
+      label = label_of(label, unit%inversion_half_width)
+      if (.not. unit%positive) return
+      label = label_of(label, label_of(trim(unit%branch)))
+      label = label_of(label, unit%fit_steps)
+   end function label_of_fit
 
    !> Carries the process of the unit request over to the request itself, component by component.
    subroutine carry_over(request, model)
