@@ -1,7 +1,7 @@
 !> &process: maximum-entropy processes that are wanted (Sec. 2). The group may be repeated.
 module config_groups_process
-   use config_text_value_table, only: about, at_least, between, choice_length, entry_type, &
-      not_negative, positive, visitor_type
+   use config_text_value_table, only: about, between, choice_length, entry_type, not_negative, &
+      positive, rule_type, visitor_type
    use core_kinds, only: wp
    use process_model, only: process_request
    implicit none(type, external)
@@ -108,7 +108,7 @@ contains
          choices='stationary from_rest matrix', used=.not. self%shared%positive))
       call visitor%visit(self%n_points, about('n_points', &
          'points of a realization, the same in all &process; not used with motion: joints '// &
-         'settle it', rule=at_least(1.0_wp), &
+         'settle it', rule=rule_type(lower=1.0_wp), &
          shapes_samples=.false.))
       call visitor%visit(self%n_realizations, about('n_realizations', &
          'realizations to write, the same in all &process', rule=not_negative, &

@@ -8,7 +8,7 @@ module config_text_value_table
    implicit none(type, external)
    private
    public :: entry_type, rule_type, visitor_type, word_type
-   public :: about, at_least, between, inside, not_negative, positive
+   public :: about, between, inside, not_negative, positive
    public :: choice_length, name_length
 
    integer, parameter :: name_length = 24, choice_length = 16, doc_length = 128
@@ -256,13 +256,6 @@ contains
          text = text//"'"//trim(self%choices(i))//"'"
       end do
    end function choices_text
-
-   !> The end belongs to it.
-   elemental type(rule_type) function at_least(lower)
-      real(wp), intent(in) :: lower
-
-      at_least = rule_type(lower=lower)
-   end function at_least
 
    !> The ends belong to it.
    elemental type(rule_type) function between(lower, upper)
