@@ -27,20 +27,13 @@ module parallel_world
       procedure :: is_root
       procedure :: stop_on
       procedure :: wait_for_all
-      generic :: broadcast => broadcast_integer, broadcast_integers, broadcast_matrix, &
-         broadcast_text
+      generic :: broadcast => broadcast_integer, broadcast_integers, broadcast_matrix
       procedure :: any_true
       procedure :: maximum
       procedure :: add_up
       procedure :: join
-      procedure, private :: broadcast_integer, broadcast_integers, broadcast_matrix, &
-         broadcast_text
+      procedure, private :: broadcast_integer, broadcast_integers, broadcast_matrix
    end type world_type
-
-   !> The world of a communicator, as an MPI handle of either kind.
-   interface new_world
-      module procedure world_of_comm, world_of_handle
-   end interface new_world
 
 contains
 
@@ -113,23 +106,15 @@ contains
       call end_program(code)
    end subroutine stop_world
 
-   function world_of_comm(comm) result(world)
+   !> The world of a communicator.
+   function new_world(comm) result(world)
       type(MPI_Comm), intent(in) :: comm
       type(world_type) :: world
 
       world%comm = comm
       call MPI_Comm_rank(comm, world%rank)
       call MPI_Comm_size(comm, world%n_ranks)
-   end function world_of_comm
-
-   function world_of_handle(handle) result(world)
-      integer, intent(in) :: handle
-      type(world_type) :: world
-      type(MPI_Comm) :: comm
-
-      comm%mpi_val = handle
-      world = world_of_comm(comm)
-   end function world_of_handle
+   end function new_world
 
    pure function is_root(self)
       class(world_type), intent(in) :: self
@@ -144,12 +129,10 @@ contains
       class(world_type), intent(in) :: self
       type(error_type), allocatable, intent(in) :: error
       character(:), allocatable :: message
-      integer :: exit_code, failed
+      integer :: exit_code, failed, n
 
       failed = merge(self%rank, self%n_ranks, allocated(error))
-      if (self%n_ranks > 1) then
-         call MPI_Allreduce(MPI_IN_PLACE, failed, 1, MPI_INTEGER, MPI_MIN, self%comm)
-      end if
+      call MPI_Allreduce(MPI_IN_PLACE, failed, 1, MPI_INTEGER, MPI_MIN, self%comm)
       if (failed == self%n_ranks) return
 
       exit_code = exit_done
@@ -158,8 +141,11 @@ contains
          exit_code = error%exit_code
          message = error%message
       end if
+      n = len(message)
       call self%broadcast(exit_code, from=failed)
-      call self%broadcast(message, from=failed)
+      call self%broadcast(n, from=failed)
+      if (failed /= self%rank) message = repeat(' ', n)
+      call MPI_Bcast(message, n, MPI_CHARACTER, failed, self%comm)
       if (self%is_root()) call write_error(message)
       call stop_world(exit_code)
    end subroutine stop_on
@@ -168,7 +154,7 @@ contains
    subroutine wait_for_all(self)
       class(world_type), intent(in) :: self
 
-      if (self%n_ranks > 1) call MPI_Barrier(self%comm)
+      call MPI_Barrier(self%comm)
    end subroutine wait_for_all
 
    !> True if `value` is true on any rank; collective.
@@ -187,9 +173,7 @@ contains
       integer, intent(in) :: n
       real(wp), intent(inout) :: values(n)
 
-      if (self%n_ranks > 1) then
-         call MPI_Allreduce(MPI_IN_PLACE, values, n, MPI_DOUBLE_PRECISION, MPI_SUM, self%comm)
-      end if
+      call MPI_Allreduce(MPI_IN_PLACE, values, n, MPI_DOUBLE_PRECISION, MPI_SUM, self%comm)
    end subroutine add_up
 
    !> Joins the values of all ranks in their order, for each of them; collective.
@@ -199,7 +183,6 @@ contains
       real(wp), allocatable :: joined(:)
       integer :: n(0:self%n_ranks - 1), rank
 
-      if (self%n_ranks == 1) return
       n = 0
       n(self%rank) = size(values)
       call MPI_Allreduce(MPI_IN_PLACE, n, self%n_ranks, MPI_INTEGER, MPI_SUM, self%comm)
@@ -216,18 +199,17 @@ contains
       integer, intent(in) :: value
       integer :: largest
 
-      largest = value
-      if (self%n_ranks > 1) call MPI_Allreduce(value, largest, 1, MPI_INTEGER, MPI_MAX, self%comm)
+      call MPI_Allreduce(value, largest, 1, MPI_INTEGER, MPI_MAX, self%comm)
    end function maximum
 
-   !> Sends a value from one rank (the root, or `from`) to all; collective. Lists, matrices and
-   !> texts take its shape; the last two are unallocated if it is.
+   !> Sends a value from one rank (the root, or `from`) to all; collective. Lists and matrices take
+   !> its shape; a matrix is unallocated if it is.
    subroutine broadcast_integer(self, value, from)
       class(world_type), intent(in) :: self
       integer, intent(inout) :: value
       integer, intent(in), optional :: from
 
-      if (self%n_ranks > 1) call MPI_Bcast(value, 1, MPI_INTEGER, source(from), self%comm)
+      call MPI_Bcast(value, 1, MPI_INTEGER, source(from), self%comm)
    end subroutine broadcast_integer
 
    subroutine broadcast_integers(self, values, from)
@@ -247,7 +229,6 @@ contains
       integer, intent(in), optional :: from
       integer :: extent(2)
 
-      if (self%n_ranks == 1) return
       extent = -1
       if (allocated(values)) extent = shape(values)
       call MPI_Bcast(extent, 2, MPI_INTEGER, source(from), self%comm)
@@ -257,22 +238,6 @@ contains
       ! a section, as MPICH gives an array bounds from 0 where gfortran 11 compiled the call
       call MPI_Bcast(values(:, :), size(values), MPI_DOUBLE_PRECISION, source(from), self%comm)
    end subroutine broadcast_matrix
-
-   subroutine broadcast_text(self, text, from)
-      class(world_type), intent(in) :: self
-      character(:), allocatable, intent(inout) :: text
-      integer, intent(in), optional :: from
-      integer :: n
-
-      if (self%n_ranks == 1) return
-      n = -1
-      if (self%rank == source(from) .and. allocated(text)) n = len(text)
-      call self%broadcast(n, from)
-      if (self%rank /= source(from) .and. allocated(text)) deallocate (text)
-      if (n < 0) return
-      if (self%rank /= source(from)) allocate (character(n) :: text)
-      call MPI_Bcast(text, n, MPI_CHARACTER, source(from), self%comm)
-   end subroutine broadcast_text
 
    pure function source(from)
       integer, intent(in), optional :: from
