@@ -1,11 +1,8 @@
 !> `entroslip replay`: one sample of a campaign again, alone, with all that can be kept of it.
 module driver_replay
    use campaign_plan, only: plan_type
-   use campaign_results, only: block_result
    use campaign_runner, only: runner_type
-   use campaign_sample, only: run_block
    use campaign_size, only: refuse_oversize
-   use campaign_study, only: block_range, draw_friction
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, raise
    use core_kinds, only: wp
@@ -13,12 +10,11 @@ module driver_replay
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_trial_runs, only: keep_targets
    use driver_command_line, only: command_line
-   use driver_deadline, only: start_watch, time_to_stop
+   use driver_deadline, only: start_watch
    use driver_output, only: open_anew, output_type
    use driver_processes, only: solve_processes
    use driver_results, only: write_results
-   use driver_run, only: end_if_asked, prepare_march
-   use io_shards, only: write_shard
+   use driver_run, only: end_if_asked, march_campaign, prepare_march
    use io_store, only: remove_store
    use parallel_world, only: start_world, world_type
    use process_model, only: process_model_type
@@ -58,11 +54,13 @@ contains
       call refuse_unsolved(plan, models, error)
       call output%stop_on(error)
       call end_if_asked(output)
-      if (world%is_root()) call march_again(line, models, runner, output, error)
+      call keep_sample(line, runner%plan)
+      call output%look_again(runner%plan, error)
+      call output%stop_on(error)
+      call march_campaign(models, runner, output, error)
       call clear_away(output, error)
       call output%stop_on(error)
       call end_if_asked(output)
-      call keep_sample(line, runner%plan)
       call write_results(runner%plan, models, runner, output, error)
       call clear_away(output, error)
       call output%stop_on(error)
@@ -106,26 +104,6 @@ contains
       plan%output%energy = .true.
       plan%n_realizations = 0
    end subroutine keep_everything
-
-   !> Marches the sample as the campaign does and stores it as a shard of its own.
-   subroutine march_again(line, models, runner, output, error)
-      type(command_line), intent(in) :: line
-      type(process_model_type), intent(in) :: models(:)
-      type(runner_type), intent(inout) :: runner
-      type(output_type), intent(in) :: output
-      type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: result(1)
-      real(wp), allocatable :: friction(:, :)
-      logical :: is_abandoned
-
-      call draw_friction(runner%plan, models, &
-                         [block_range(line%case_number, line%sample, line%sample)], friction)
-      call run_block(runner, line%case_number, friction, line%sample, time_to_stop, result(1), &
-                     is_abandoned, error)
-      if (allocated(error) .or. is_abandoned) return
-      result(1)%first_sample = 1
-      call write_shard(output%store, result, error)
-   end subroutine march_again
 
    !> Removes what a replay that failed has kept: the next one starts anew.
    subroutine clear_away(output, error)

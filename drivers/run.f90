@@ -28,7 +28,7 @@ module driver_run
    use tradeoff_pilot, only: choose_every
    implicit none(type, external)
    private
-   public :: run, end_if_asked, prepare_march
+   public :: run, end_if_asked, march_campaign, prepare_march
 
 contains
 

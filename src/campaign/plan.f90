@@ -26,7 +26,7 @@ module campaign_plan
       integer :: process = 0           !! into plan%processes; 0: none, friction as given
       real(wp) :: variance = 0.0_wp    !! of noise in a band [N^2]; else 0
       integer :: n_samples = 1
-      integer :: first_sample = 1      !! another one in a replay
+      integer :: first_sample = 1      !! number of the first draw: another one in a replay
       integer :: audits = 0            !! the case whose samples it repeats, to find their errors
       real(wp) :: factor = 1.0_wp      !! of the force of a file, or of a given spectrum
       real(wp) :: amplitude = 0.0_wp   !! of a sine [N]; else 0

@@ -100,7 +100,8 @@ contains
          call start_block(plan%structure, result%friction, march%state)
          allocate (march%force(0:plan%integration%n_steps, &
                                plan%structure%n_forces*merge(n, 1, plan%excitation%per_sample)))
-         call runner%force_of(case_number, result%first_sample, march%force, error)
+         call runner%force_of(case_number, plan%cases(case_number)%first_sample - 1 &
+                              + result%first_sample, march%force, error)
          if (allocated(error)) return
          if (output%harmonic) &
             call start_harmonics(plan%integration, plan%cases(case_number)%frequency, &

@@ -143,8 +143,9 @@ contains
       allocate (friction(plan%structure%n_joints, sum(ranges%last - ranges%first + 1)))
       w = 0
       do i = 1, size(ranges)
-         associate (process => plan%cases(ranges(i)%case_number)%process)
-            do sample = ranges(i)%first, ranges(i)%last
+         associate (process => plan%cases(ranges(i)%case_number)%process, &
+                    before => plan%cases(ranges(i)%case_number)%first_sample - 1)
+            do sample = before + ranges(i)%first, before + ranges(i)%last
                w = w + 1
                if (process == 0) then
                   friction(:, w) = plan%friction
