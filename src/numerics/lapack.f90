@@ -5,7 +5,7 @@
 module numerics_lapack
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_procpointer, c_funptr, c_long, &
                                           c_null_char, c_null_ptr, c_ptr
-   use core_error, only: error_type, exit_no_solution, raise
+   use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
    implicit none(type, external)
@@ -143,7 +143,7 @@ contains
    end subroutine use_one_thread
 
    !> Finds all pairs of A x = lambda B x, A symmetric, B symmetric positive definite; X' B X = 1.
-   !> Values alone cost a third.
+   !> Values alone cost a third. A B that is not positive definite is bad input.
    subroutine solve_symmetric_eigenproblem(a, b, eigenvalues, error, eigenvectors)
       real(wp), intent(in) :: a(:, :), b(:, :)               !! (n, n)
       real(wp), allocatable, intent(out) :: eigenvalues(:)      !! (n), ascending
@@ -160,8 +160,9 @@ contains
       call use_one_thread()
       call dsygvd(1, merge('V', 'N', present(eigenvectors)), 'L', n, matrix, n, factor, n, &
                   eigenvalues, work, size(work), integer_work, size(integer_work), info)
-      if (info /= 0) call raise(error, exit_no_solution, 'symmetric eigenproblem of order '// &
-                                to_text(n)//': LAPACK dsygvd returned '//to_text(info))
+      if (info /= 0) call raise(error, merge(exit_bad_input, exit_no_solution, info > n), &
+                                'symmetric eigenproblem of order '//to_text(n)// &
+                                ': LAPACK dsygvd returned '//to_text(info))
       if (present(eigenvectors)) call move_alloc(matrix, eigenvectors)
    end subroutine solve_symmetric_eigenproblem
 

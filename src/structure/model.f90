@@ -8,7 +8,7 @@ module structure_model
    use core_kinds, only: two_pi, wp
    use core_memory, only: gives_memory
    use core_text, only: to_text
-   use numerics_lapack, only: multiply, solve_positive_definite, solve_symmetric_eigenproblem
+   use numerics_lapack, only: multiply, solve_symmetric_eigenproblem
    implicit none(type, external)
    private
    public :: build_structure, damping_type, part_names, structure_type
@@ -94,31 +94,19 @@ contains
       structure%n_joints = size(structure%joint_stiffness)
       structure%n_forces = size(structure%load, 2)
       structure%n_points = maxval(structure%friction_point)
-      call check_mass(structure%mass, names%mass, error)
-      if (allocated(error)) return
-
       call find_modes(structure%stiffness, structure%mass, structure%frequencies_slip, n_zero, &
                       error)
-      if (allocated(error)) return
+      if (allocated(error)) then
+         if (error%exit_code == exit_bad_input) call raise(error, exit_bad_input, names%mass// &
+                                                ': a mass matrix must be positive definite')
+         return
+      end if
       call find_modes(structure%stuck_stiffness([(.true., j=1, structure%n_joints)]), &
                       structure%mass, structure%frequencies_stuck, structure%n_zero_modes, error, &
                       structure%modes_stuck, names%stiffness)
       if (allocated(error)) return
       call form_damping(damping, names%damping, structure, error)
    end subroutine build_structure
-
-   subroutine check_mass(mass, name, error)
-      real(wp), intent(in) :: mass(:, :)   !! (dof, dof) [kg]
-      character(*), intent(in) :: name
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: factor(:, :), unused(:, :)
-
-      factor = mass
-      allocate (unused(size(mass, 1), 1), source=0.0_wp)
-      call solve_positive_definite(factor, unused, error)
-      if (allocated(error)) &
-         call raise(error, exit_bad_input, name//': a mass matrix must be positive definite')
-   end subroutine check_mass
 
    !> Forms C by whichever kind of damping is given.
    subroutine form_damping(damping, name, structure, error)

@@ -47,15 +47,10 @@ contains
       real(wp), intent(in) :: c(0:)
       real(wp), intent(in) :: last
       real(wp) :: time
-      real(wp) :: bend, drop
+      real(wp) :: bend
       integer :: first, k
 
       time = no_crossing
-      drop = 0.0_wp   ! an upper bound of how far it falls
-      do k = ubound(c, 1), 2, -1
-         drop = (drop + abs(c(k)))*last
-      end do
-      if (c(0) > (drop - min(0.0_wp, c(min(1, ubound(c, 1)))))*last) return
       first = 0
       if (.not. c(0) > 0.0_wp) then
          do first = 1, ubound(c, 1)
