@@ -197,23 +197,21 @@ contains
       type(work_counter) :: counter
       type(progress_type) :: progress
       type(claim_type), allocatable :: claims(:)
-      logical :: is_abandoned
       integer :: item
 
       claims = open_claims(runner%plan, output%is_finished, output%world%n_ranks, output%is_shared)
       call new_counter(output%world, size(claims), counter)
       if (.not. output%is_quiet) call progress%start(sum(runner%plan%cases%n_samples), &
                                                      count(output%is_finished))
-      is_abandoned = .false.
       do
-         item = counter%next(stops=allocated(error) .or. is_abandoned)
+         item = counter%next(stops=time_to_stop() .or. allocated(error))
          if (item == 0) exit
          ! samples of the claims before, without what other ranks still march
          call progress%show(sum(claims(:max(item - output%world%n_ranks, 0))%n_samples()) &
                             + count(output%is_finished))
          associate (ranges => claims(item)%ranges)
             if (.not. output%take(ranges(1))) cycle
-            call march_claim(models, ranges, runner, output%store, is_abandoned, error)
+            call march_claim(models, ranges, runner, output%store, error)
             if (.not. allocated(error)) call output%lock%keep(error)
             call output%give_back(ranges(1))
          end associate
@@ -224,12 +222,11 @@ contains
 
    !> Marches the samples of a claim block by block: a range, or several side by side in one block.
    !> They become shards when the last one is finished, a minute has passed, or too much is held.
-   subroutine march_claim(models, ranges, runner, store, is_abandoned, error)
+   subroutine march_claim(models, ranges, runner, store, error)
       type(process_model_type), intent(in) :: models(:)
       type(block_range), intent(in) :: ranges(:)
       type(runner_type), intent(inout) :: runner
       type(shard_store), intent(in) :: store
-      logical, intent(out) :: is_abandoned
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: longest = 60.0_wp        ! [s] that a kill may cost
       integer(long), parameter :: most = 2_long**26   ! bytes that are held
@@ -242,7 +239,6 @@ contains
 
       width = block_width(runner%plan)
       allocate (finished((ranges(1)%last - ranges(1)%first)/width + 1))
-      is_abandoned = .false.
       began = seconds_so_far()
       n = 0
       block = ranges
@@ -250,8 +246,8 @@ contains
          block%last = min(block%first + width - 1, ranges%last)
          call draw_friction(runner%plan, models, block, friction)
          call run_block(runner, block(1)%case_number, friction, block(1)%first, time_to_stop, &
-                        finished(n + 1), is_abandoned, error)
-         if (allocated(error) .or. is_abandoned) exit
+                        finished(n + 1), error)
+         if (allocated(error) .or. finished(n + 1)%n_samples == 0) exit
          n = n + 1
          if (seconds_so_far() - began > longest .or. &
              sum(memory_of_block(finished(:n))) > most) then

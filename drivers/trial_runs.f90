@@ -76,19 +76,17 @@ contains
       type(progress_type) :: progress
       real(wp) :: cost(size(tradeoff%tasks))
       integer :: owner(size(tradeoff%tasks))
-      logical :: is_abandoned
       integer :: i, n
 
       n = size(tradeoff%tasks)
       owner = -1
       call new_counter(world, n, counter)
       if (.not. is_quiet) call progress%start(n, 0, 'marches')
-      is_abandoned = .false.
       do
-         i = counter%next(stops=allocated(error) .or. is_abandoned)
+         i = counter%next(stops=time_to_stop() .or. allocated(error))
          if (i == 0) exit
          call progress%show(max(i - world%n_ranks, 0))
-         call run_task(tradeoff, i, time_to_stop, is_abandoned, error)
+         call run_task(tradeoff, i, time_to_stop, error)
          owner(i) = world%rank
       end do
       call counter%close()

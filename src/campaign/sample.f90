@@ -37,16 +37,15 @@ module campaign_sample
 
 contains
 
-   !> Runs samples first, first + 1, ... of a case. Abandoned, without a result, when `should_stop`.
-   subroutine run_block(runner, case_number, friction, first, should_stop, result, is_abandoned, &
-                        error)
+   !> Runs samples first, first + 1, ... of a case. Abandoned, and then of no samples, when
+   !> `should_stop`.
+   subroutine run_block(runner, case_number, friction, first, should_stop, result, error)
       type(runner_type), intent(inout) :: runner
       integer, intent(in) :: case_number
       real(wp), intent(in) :: friction(:, :)   !! (joint, sample)
       integer, intent(in) :: first             !! number of the first sample, from 1
       procedure(stop_query) :: should_stop
       type(block_result), intent(out) :: result
-      logical, intent(out) :: is_abandoned
       type(error_type), allocatable, intent(out) :: error
       type(march_type) :: march
       integer :: next, last
@@ -57,12 +56,13 @@ contains
       result%friction = friction
       call start_march(runner, case_number, result, march, error)
       if (allocated(error)) return
-      is_abandoned = .false.
       associate (integration => runner%plan%integration)
          last = 0
          do while (last < integration%n_steps)
-            is_abandoned = should_stop()
-            if (is_abandoned) return
+            if (should_stop()) then
+               result%n_samples = 0
+               return
+            end if
             if (last == integration%n_discard) call start_measuring(runner, march, result)
             next = last + runner%piece_steps
             if (last < integration%n_discard) next = min(next, integration%n_discard)

@@ -151,12 +151,10 @@ contains
       real(wp), intent(out) :: nanoseconds   !! of a processor for a sample-step
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: again
-      logical :: is_abandoned
 
-      call march_level(plan, level, own_setting(plan), never, result, nanoseconds, is_abandoned, &
-                       error, like)
-      if (.not. allocated(error)) call march_level(plan, level, own_setting(plan), never, result, &
-                                                   again, is_abandoned, error, like)
+      call march_level(plan, level, own_setting(plan), never, result, nanoseconds, error, like)
+      if (.not. allocated(error)) &
+         call march_level(plan, level, own_setting(plan), never, result, again, error, like)
       nanoseconds = min(nanoseconds, again)
    end subroutine time_march
 

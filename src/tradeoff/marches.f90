@@ -21,11 +21,10 @@ module tradeoff_marches
 contains
 
    !> Runs one march, and keeps its result.
-   subroutine run_task(tradeoff, number, should_stop, is_abandoned, error)
+   subroutine run_task(tradeoff, number, should_stop, error)
       type(tradeoff_type), intent(inout) :: tradeoff
       integer, intent(in) :: number
       procedure(stop_query) :: should_stop
-      logical, intent(out) :: is_abandoned
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: plan
       type(level_type) :: level
@@ -33,14 +32,12 @@ contains
       type(block_result) :: result
       integer :: n_samples
 
-      is_abandoned = .false.
       associate (task => tradeoff%tasks(number), found => tradeoff%found(number))
          call choose_march(tradeoff, task, plan, setting, n_samples)
          call draw_samples(tradeoff, task, n_samples, plan%integration%n_steps, level, error)
          if (allocated(error)) return
-         call march_level(plan, level, setting, should_stop, result, found%cost, is_abandoned, &
-                          error)
-         if (allocated(error) .or. is_abandoned) return
+         call march_level(plan, level, setting, should_stop, result, found%cost, error)
+         if (allocated(error) .or. result%n_samples == 0) return
          found%n_samples = result%n_samples
          select case (task%kind)
          case (of_setting)

@@ -70,7 +70,6 @@ contains
       type(level_type) :: level
       type(block_result) :: result
       real(wp) :: nanoseconds
-      logical :: is_abandoned
       integer :: i
 
       level%sample = spread(1, 1, size(cases))
@@ -82,8 +81,7 @@ contains
             call runner%force_of(cases(i), 1, level%force(:, n*(i - 1) + 1:n*i), error)
             if (allocated(error)) return
          end do
-         call march_level(plan, level, own_setting(plan), never, result, nanoseconds, &
-                          is_abandoned, error, runner)
+         call march_level(plan, level, own_setting(plan), never, result, nanoseconds, error, runner)
       end associate
       if (.not. allocated(error)) psd(:, :, :) = result%psd
    end subroutine march_cases

@@ -174,15 +174,13 @@ contains
 
    !> Marches the samples of a level under its force with one setting. `plan` says how many steps of
    !> the scene are marched (not more than the level's force has), and what is kept of them.
-   subroutine march_level(plan, level, setting, should_stop, result, nanoseconds, is_abandoned, &
-                          error, like)
+   subroutine march_level(plan, level, setting, should_stop, result, nanoseconds, error, like)
       type(plan_type), intent(in) :: plan
       type(level_type), intent(in) :: level
       type(setting_type), intent(in) :: setting
       procedure(stop_query) :: should_stop
       type(block_result), intent(out) :: result
       real(wp), intent(out) :: nanoseconds   !! of a processor, per sample and step of the scene
-      logical, intent(out) :: is_abandoned
       type(error_type), allocatable, intent(out) :: error
       type(runner_type), intent(in), optional :: like   !! whose marcher serves again
       type(plan_type) :: short
@@ -190,7 +188,6 @@ contains
       real(wp) :: before, after
 
       nanoseconds = 0.0_wp
-      is_abandoned = .false.
       short = with_setting(plan, setting)
       short%excitation%kind = 'file'
       short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
@@ -199,7 +196,7 @@ contains
                           runner, error, like)
       if (allocated(error)) return
       call cpu_time(before)
-      call run_block(runner, 1, level%friction, 1, should_stop, result, is_abandoned, error)
+      call run_block(runner, 1, level%friction, 1, should_stop, result, error)
       call cpu_time(after)
       nanoseconds = 1.0e9_wp*(after - before)/(real(plan%integration%n_steps, wp) &
                                                *size(level%sample))

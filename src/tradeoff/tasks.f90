@@ -184,7 +184,6 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(setting_type) :: counted
       real(wp) :: expected, measured, nanoseconds   ! summed over levels
-      logical :: is_abandoned
       integer :: k, n
 
       counted = reference_setting()
@@ -201,9 +200,8 @@ contains
             call draw_level(campaign, tradeoff%runner, n, level, error, tradeoff%scope%models)
             if (allocated(error)) return
             if (size(tradeoff%settings) == 0) cycle
-            call march_level(plan, level, counted, should_stop, reference, nanoseconds, &
-                             is_abandoned, error)
-            if (allocated(error) .or. is_abandoned) return
+            call march_level(plan, level, counted, should_stop, reference, nanoseconds, error)
+            if (allocated(error) .or. reference%n_samples == 0) return
             tradeoff%transitions(k) = &
                sum(reference%slip_starts + reference%stick_starts) &
                /(real(plan%integration%n_steps, wp)*size(level%sample))
