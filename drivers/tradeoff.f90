@@ -70,6 +70,7 @@ contains
          call write_findings(output, plan, found, error)
       end if
       call output%stop_on(error)
+      if (is_stopped) call output%say('stopped early; nothing is kept: start again to measure anew')
       call output%end_run(merge(exit_stopped, exit_done, is_stopped))
    end subroutine tradeoff
 

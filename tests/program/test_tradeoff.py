@@ -131,3 +131,10 @@ def test_processes_alone_have_orders(entroslip, tmp_path):
         assert own.tolist() == [2]
         # closed form: AR(2) with L0 = 1 has L1 = 1.4330127
         assert abs(orders["other_length"][1] - 1.4330127) < 1e-6
+
+
+def test_a_tradeoff_that_is_stopped_says_that_nothing_is_kept(entroslip, small_scene, tmp_path):
+    done = entroslip("tradeoff", small_scene, *FEW_STEPS, "--set", "campaign%walltime=1e-6")
+    assert done.returncode == 75, done.stderr
+    assert "stopped early; nothing is kept: start again to measure anew" in done.stdout
+    assert not list(tmp_path.glob("*.h5"))
