@@ -23,6 +23,8 @@ _STATISTICS = (  # dataset, title, factor into its unit
     ("slip_mean_time_error", "time-average error of the mean [%]", 100.0),
     ("slip_std", "std over samples [%]", 100.0),
     ("slip_std_time_part", "part of the std from the time average [%]", 100.0),
+    ("harmonic_amplitude_mean", "mean amplitude of the sine's frequency [m]", 1.0),
+    ("harmonic_amplitude_std", "its std over samples [m]", 1.0),
     ("pseudo_variance_mean", "mean pseudo-variance [m²]", 1.0),
     ("pseudo_variance_mean_time_error", "its time-average error [m²]", 1.0),
 )
@@ -282,7 +284,7 @@ def _to_the_digits_of(data: xr.Dataset, ours: str, other: str) -> str:
 
 
 def table_statistics(case: Case) -> Table:
-    """Slip fractions, pseudo-variances and band ratios of one case with their errors."""
+    """Slip fractions, amplitudes, pseudo-variances and band ratios of one case with errors."""
     data = case.data
     columns = [column for column in _STATISTICS if column[0] in data]
     percentiles = data["percentile"].values if case.has("pseudo_variance_percentiles") else ()
@@ -318,6 +320,8 @@ def table_statistics(case: Case) -> Table:
         header += ["time-average error of the band ratio"]
     title = f"{case.name}: {case.process}, {case.label}, {case.n_samples} samples"
     note = _ERRORS
+    if case.has("steady"):
+        note += f" {int(data['steady'].sum())} of {case.n_samples} samples are steady."
     if case.has("band_ratio"):
         note += (
             " Those of pseudo-variances, and the interval and bias of the band ratio, are Monte"

@@ -10,6 +10,7 @@ from entroslip.figures.gallery import make_figures
 from entroslip.figures.response_figures import joint_force
 from entroslip.harmonic import equivalent, linear_receptance, sweeps_of
 from entroslip.results import ResultsError
+from entroslip.tables import table_statistics
 
 SINES = """\
 &chain n_dof = 2 friction = 0.2 damping_ratio = 0.02 /
@@ -50,6 +51,17 @@ def test_a_moving_ground_is_named_with_its_units(results_of_scene, tmp_path):
     chain = next(figure for figure in make_figures([results]) if figure.name == "fig_07")
     assert "the ground moves" in chain.caption
     assert chain.save(tmp_path).exists()
+
+
+def test_tables_have_amplitudes_and_how_many_samples_are_steady(results_of_scene):
+    results = open_results(results_of_scene(RANDOM_SINES))
+    case = results.random[0]
+    table = table_statistics(case)
+    place = table.header.index("mean amplitude of the sine's frequency [m]")
+    found = [float(row[place].split("(")[0]) for row in table.rows]
+    assert found == pytest.approx(case.data["harmonic_amplitude_mean"].values, rel=1e-3)
+    steady = int(case.data["steady"].values.sum())
+    assert f"{steady} of 24 samples are steady" in table.note
 
 
 def test_a_stuck_structure_is_its_linear_self(sines):
