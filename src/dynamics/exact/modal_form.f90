@@ -183,41 +183,32 @@ contains
 
    end subroutine give
 
-   !> See base_system.
+   !> See base_system. Takes the modes of each group ahead, and follows the paths of its joints.
    subroutine run_part(self)
       class(modal_form), intent(inout) :: self
-      real(wp) :: push(lanes, self%n_forces, 0:1)
-      integer :: g
+      real(wp) :: force(lanes, self%n_forces, 0:1)   ! value and rise [N]
+      integer :: first, g, joints, rows
 
+      rows = size(self%modes, 2)
+      joints = size(self%paths%x, 2)
       do g = 1, self%n_groups
-         associate (first => lanes*(g - 1) + 1)
-            push = self%paths%force(first:first + lanes - 1, :, :)
-            call run_group(self, g, first, push)
+         first = lanes*(g - 1) + 1
+         force = self%paths%force(first:first + lanes - 1, :, :)
+         associate (for => self%operators, modes => self%modes(:, :, :, g), x => self%paths%x, &
+                    u => self%paths%layer(0), v => self%paths%layer(1), &
+                    regime => self%paths%regime)
+            if (self%keeps_ledger) call for%ledger%start_part(g, rows, force, modes)
+            call rotate(for, rows, force, self%keeps_ledger, modes, self%middle, &
+                        self%rates(:, :, :, g))
+            call read_paths(for, joints, rows, modes, self%middle, x(first, 1, u), &
+                            x(first, 1, v), x(first, 1, 2))
+            call self%sliders%follow(g, for, joints, regime(first, 1, layer_side), &
+                                     regime(first, 1, layer_spring), x(first, 1, v), &
+                                     x(first, 1, 2))
          end associate
       end do
       call finish_part(self%paths)
    end subroutine run_part
-
-   !> Takes the modes of a group ahead, and follows the paths of its joints.
-   subroutine run_group(self, g, first, force)
-      class(modal_form), intent(inout) :: self
-      integer, intent(in) :: g, first   !! group; its first lane
-      real(wp), intent(in) :: force(lanes, self%n_forces, 0:1)   !! value and rise [N]
-      integer :: joints, rows
-
-      rows = size(self%modes, 2)
-      joints = size(self%paths%x, 2)
-      associate (for => self%operators, modes => self%modes(:, :, :, g), x => self%paths%x, &
-                 u => self%paths%layer(0), v => self%paths%layer(1), regime => self%paths%regime)
-         if (self%keeps_ledger) call for%ledger%start_part(g, rows, force, modes)
-         call rotate(for, rows, force, self%keeps_ledger, modes, self%middle, &
-                     self%rates(:, :, :, g))
-         call read_paths(for, joints, rows, modes, self%middle, x(first, 1, u), x(first, 1, v), &
-                         x(first, 1, 2))
-         call self%sliders%follow(g, for, joints, regime(first, 1, layer_side), &
-                                  regime(first, 1, layer_spring), x(first, 1, v), x(first, 1, 2))
-      end associate
-   end subroutine run_group
 
    !> See base_system.
    subroutine correct(self, group, entry)
