@@ -249,6 +249,8 @@ contains
       w%place = 0
       w%n = int(n(1))
       w%n_all = w%n
+      allocate (sample(0), time(0), joint(0), kind(0))   ! as allocate_for wants them
+      deallocate (sample, time, joint, kind)
       call visit_columns(w, sample, time, joint, kind)
       if (allocated(w%group%error)) return
       allocate (block%transitions(block%n_samples))

@@ -12,17 +12,17 @@ module io_group
       character(24), private :: axis = ''   !! of the columns of a table
       character(8) :: kept_axis = 'dof'     !! stands for 'kept': dofs whose spectra are kept
    contains
+      generic :: get => get_row, get_matrix
       generic :: put => put_reals, put_integers
       procedure :: at
       procedure :: axes_named
       procedure :: has
-      procedure :: get
       procedure :: get_number
       procedure :: go_to
       procedure :: put_axis
       procedure :: put_value
       procedure :: start_table
-      procedure, private :: put_reals, put_integers
+      procedure, private :: get_row, get_matrix, put_reals, put_integers
    end type group_type
 
 contains
@@ -157,10 +157,30 @@ contains
    end subroutine get_number
 
    !> Reads a dataset of reals; an array that is not there is not allocated.
-   subroutine get(self, name, values)
+   subroutine get_row(self, name, values)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name
-      real(wp), allocatable, intent(inout) :: values(..)   !! not allocated yet
+      real(wp), allocatable, intent(inout) :: values(:)   !! not allocated yet
+
+      allocate (values(0))   ! as allocate_for wants it
+      deallocate (values)
+      call get_reals(self, name, values)
+   end subroutine get_row
+
+   subroutine get_matrix(self, name, values)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(inout) :: values(:, :)   !! not allocated yet
+
+      allocate (values(0, 0))
+      deallocate (values)
+      call get_reals(self, name, values)
+   end subroutine get_matrix
+
+   subroutine get_reals(self, name, values)
+      class(group_type), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(inout) :: values(..)
 
       if (allocated(self%error)) return
       if (.not. self%has(name)) return
@@ -168,6 +188,6 @@ contains
       if (.not. allocated(self%error)) &
          call move_rows(self%file, self%at(name), 0, values, 0, size(values, rank(values)), &
                         .false., self%error)
-   end subroutine get
+   end subroutine get_reals
 
 end module io_group

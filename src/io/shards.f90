@@ -43,6 +43,9 @@ module io_shards
       procedure, private :: require_all
    end type stored_samples
 
+   !> A block of nothing in static memory, which is zero, as allocate_for wants it.
+   type(block_result), save :: unread
+
 contains
 
    !> Writes finished blocks, consecutive samples of a case, as one shard. It is on the disk when
@@ -113,6 +116,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
 
+      block = unread
       if (shard%group /= '') then
          call open_hdf5(shard%path, file, error)
       else
@@ -249,6 +253,7 @@ contains
 
       call self%require_all(case_number, first, last, chosen, error)
       if (allocated(error)) return
+      block = unread
       block%case_number = case_number
       block%first_sample = first
       block%n_samples = last - first + 1

@@ -55,7 +55,9 @@ contains
    end subroutine read_extent
 
    !> Allocates an array for a dataset, or for so many rows of its last axis, unless it is there. A
-   !> damaged file names any extent.
+   !> damaged file names any extent. In gfortran 11 `select rank` takes an array for one of assumed
+   !> size if its last bound is -1, as memory where it was never allocated may hold it: that memory
+   !> is set before.
    subroutine allocate_for(file, path, values, error, n_rows)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
