@@ -18,13 +18,14 @@ program regression
    use io_hdf5, only: hdf5_file, open_hdf5, read_dataset, read_extent
    use numerics_sorting, only: sort_order
    use statistics_estimates, only: end_beyond, estimates_type, plain_percentile, stated_error, &
-                                   two_sided, upward_error
+                                   statistic_type, two_sided, upward_error
    use statistics_order, only: interval_rank
    use statistics_pool, only: new_pool, pool_type
-   use statistics_scalars, only: estimate_scalars, scalar_type
-   use statistics_spectra, only: estimate_spectrum, last_powerful, spectrum_type
+   use statistics_scalars, only: estimate_scalars
+   use statistics_spectra, only: estimate_spectrum, last_powerful
    implicit none(type, external)
    real(wp), parameter :: share_below(2) = [0.05_wp, 0.95_wp]
+   integer, parameter :: n_scalars = 4   ! mean, percentiles, standard deviation
    real(wp), parameter :: highest = 3.0_wp   ! [Hz] of the outputs
    integer(long), parameter :: seed = 1_long
    real(wp), parameter :: share_left_out = 0.05_wp   ! of the law's draws
@@ -34,8 +35,10 @@ program regression
       real(wp), allocatable :: density(:, :, :)   !! (dof, frequency, sample)
    end type case_data
    type(case_data), allocatable :: cases(:)
-   type(scalar_type), allocatable :: slip_truth(:, :)         ! (joint, case)
-   type(spectrum_type), allocatable :: spectrum_truth(:, :)   ! (dof, case)
+   ! mean, percentiles, standard deviation; spectra without that
+   type(statistic_type), allocatable :: slip_truth(:, :, :)          ! (statistic, joint, case)
+   !> (frequency, statistic, dof, case)
+   type(statistic_type), allocatable :: spectrum_truth(:, :, :, :)
    real(wp), allocatable :: frequency(:)
    real(real32), allocatable :: numbers(:, :, :, :)            ! (5, output, joint, case)
    character(256), allocatable :: words(:)
@@ -106,50 +109,48 @@ contains
    subroutine find_truth()
       integer :: c, j
 
-      allocate (slip_truth(n_joints, n_cases), spectrum_truth(n_joints, n_cases))
+      allocate (slip_truth(n_scalars, n_joints, n_cases))
+      allocate (spectrum_truth(size(frequency), n_scalars - 1, n_joints, n_cases))
       do c = 1, n_cases
          do j = 1, n_joints
-            slip_truth(j, c) = plain_of(cases(c)%slip(j, :))
-            spectrum_truth(j, c) = plain_spectrum(transpose(cases(c)%density(j, :, :)))
+            slip_truth(:, j, c) = plain_of(cases(c)%slip(j, :))
+            spectrum_truth(:, :, j, c) = plain_spectrum(transpose(cases(c)%density(j, :, :)))
          end do
       end do
    end subroutine find_truth
 
    pure function plain_of(y) result(plain)
       real(wp), intent(in) :: y(:)
-      type(scalar_type) :: plain
+      type(statistic_type) :: plain(n_scalars)
       integer :: p
 
-      plain%mean = sum(y)/size(y)
-      plain%deviation = sqrt(sum((y - plain%mean)**2)/(size(y) - 1))
-      allocate (plain%percentile(size(share_below)))
+      plain(1)%value = sum(y)/size(y)
       do p = 1, size(share_below)
-         plain%percentile(p:p) = percentile(reshape(y, [size(y), 1]), share_below(p))
+         plain(1 + p:1 + p)%value = percentile(reshape(y, [size(y), 1]), share_below(p))
       end do
+      plain(n_scalars)%value = sqrt(sum((y - plain(1)%value)**2)/(size(y) - 1))
    end function plain_of
 
    !> As the program has them, for the frequencies without a regression too.
    pure function plain_spectrum(y) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, frequency)
-      type(spectrum_type) :: plain
+      type(statistic_type) :: plain(size(y, 2), n_scalars - 1)
       real(wp) :: sorted(size(y, 1))
       integer :: f, p
 
-      plain%mean = sum(y, 1)/size(y, 1)
-      plain%mean_error = [(upward_error(plain%mean(f), stated_error((y(:, f) - plain%mean(f))/n, &
-                                                                    0.0_wp, n)), f=1, size(y, 2))]
-      plain%mean_ratio = 0.0_wp*plain%mean + 1.0_wp
-      allocate (plain%percentile(size(y, 2), size(share_below)))
-      allocate (plain%low, plain%high, mold=plain%percentile)
+      plain(:, 1)%value = sum(y, 1)/size(y, 1)
+      do f = 1, size(y, 2)
+         plain(f, 1)%error = upward_error(plain(f, 1)%value, &
+                                          stated_error((y(:, f) - plain(f, 1)%value)/n, 0.0_wp, n))
+      end do
       do p = 1, size(share_below)
-         plain%percentile(:, p) = percentile(y, share_below(p))
+         plain(:, 1 + p)%value = percentile(y, share_below(p))
          do f = 1, size(y, 2)
             sorted = y(sort_order(y(:, f)), f)
-            plain%low(f, p) = interval_end(sorted, share_below(p), .false.)
-            plain%high(f, p) = interval_end(sorted, share_below(p), .true.)
+            plain(f, 1 + p)%low = interval_end(sorted, share_below(p), .false.)
+            plain(f, 1 + p)%high = interval_end(sorted, share_below(p), .true.)
          end do
       end do
-      plain%percentile_ratio = 0.0_wp*plain%percentile + 1.0_wp
    end function plain_spectrum
 
    pure real(wp) function interval_end(sorted, p, is_upper)
@@ -229,30 +230,28 @@ contains
    subroutine estimate_joint(pool, j, chosen)
       type(pool_type), intent(in) :: pool
       integer, intent(in) :: j, chosen(:, :)
-      type(scalar_type) :: plain(1, n_cases)
-      type(scalar_type) :: estimates(1, n_cases)
+      type(statistic_type), dimension(1, n_scalars, n_cases) :: plain, estimates
+      type(statistic_type) :: sensitivity(size(pool%x, 2), n_cases)
       type(error_type), allocatable :: error
       real(wp) :: y(n_fitted*n_cases, 1)
       integer :: c, p
 
       do c = 1, n_cases
          y((c - 1)*n_fitted + 1:c*n_fitted, 1) = cases(c)%slip(j, chosen(:n_fitted, c))
-         plain(1, c) = plain_of(cases(c)%slip(j, chosen(:, c)))
+         plain(1, :, c) = plain_of(cases(c)%slip(j, chosen(:, c)))
       end do
-      call estimate_scalars(pool, y, [.true.], share_below, plain, estimates, error)
+      call estimate_scalars(pool, y, [.true.], share_below, plain, estimates, sensitivity, error)
       call check(error)
       do c = 1, n_cases
-         associate (truth => slip_truth(j, c), sampled => plain(1, c), ours => estimates(1, c), &
-                    taken => numbers(:, :, j, c))
-            taken(:, 1) = about(truth%mean, sampled%mean, ours%mean, ours%mean_error, &
-                                ours%mean_ratio)
-            taken(:, 2) = about(truth%deviation, sampled%deviation, ours%deviation, &
-                                ours%deviation_error, ours%deviation_ratio)
+         associate (truth => slip_truth(:, j, c), sampled => plain(1, :, c), &
+                    ours => estimates(1, :, c), taken => numbers(:, :, j, c))
+            taken(:, 1) = about(truth(1)%value, sampled(1)%value, ours(1))
+            taken(:, 2) = about(truth(n_scalars)%value, sampled(n_scalars)%value, ours(n_scalars))
             do p = 1, 2
                taken(:, 2 + p) = &
-                  between(angle(truth%percentile(p)), angle(sampled%percentile(p)), &
-                          angle([ours%low(p), ours%percentile(p), ours%high(p)]), &
-                          ours%percentile_ratio(p))
+                  between(angle(truth(1 + p)%value), angle(sampled(1 + p)%value), &
+                          angle([ours(1 + p)%low, ours(1 + p)%value, ours(1 + p)%high]), &
+                          ours(1 + p)%ratio)
             end do
          end associate
       end do
@@ -267,9 +266,10 @@ contains
    subroutine estimate_dof(pool, j, chosen)
       type(pool_type), intent(in) :: pool
       integer, intent(in) :: j, chosen(:, :)
-      type(spectrum_type), target :: plain(n_cases)
-      type(spectrum_type), target :: estimates(n_cases)
-      type(spectrum_type), pointer :: best   ! of a frequency
+      type(statistic_type) :: plain(size(frequency), n_scalars - 1, n_cases)
+      type(statistic_type) :: integrals(n_scalars, n_cases)   ! last the band ratio
+      type(statistic_type), allocatable :: spectra(:, :, :)
+      type(statistic_type) :: best(n_scalars - 1)   ! of a frequency
       type(error_type), allocatable :: error
       real(wp) :: y(n_fitted*n_cases, size(frequency))
       real(wp) :: own(n, size(frequency)), step
@@ -278,37 +278,29 @@ contains
       do c = 1, n_cases
          own = transpose(cases(c)%density(j, :, chosen(:, c)))
          y((c - 1)*n_fitted + 1:c*n_fitted, :) = own(:n_fitted, :)
-         plain(c) = plain_spectrum(own)
+         plain(:, :, c) = plain_spectrum(own)
       end do
       step = frequency(2) - frequency(1)
-      n_powerful = maxval([(last_powerful(plain(c)%mean), c=1, n_cases)])
-      call estimate_spectrum(pool, y(:, :n_powerful), step, share_below, plain, estimates, error)
+      n_powerful = maxval([(last_powerful(plain(:, 1, c)%value), c=1, n_cases)])
+      allocate (spectra(n_powerful, n_scalars - 1, n_cases))
+      call estimate_spectrum(pool, y(:, :n_powerful), step, share_below, plain, spectra, &
+                             integrals, error)
       call check(error)
       do c = 1, n_cases
-         associate (truth => spectrum_truth(j, c), sampled => plain(c), ours => estimates(c), &
+         associate (truth => spectrum_truth(:, :, j, c), sampled => plain(:, :, c), &
                     taken => numbers(:, :, j, c))
-            taken(:, 5) = about(step*sum(truth%mean), step*sum(sampled%mean), &
-                                ours%variance_mean, ours%variance_mean_error, &
-                                ours%variance_mean_ratio)
-            do p = 1, 2
-               taken(:, 5 + p) = about(step*sum(truth%percentile(:, p)), &
-                                       step*sum(sampled%percentile(:, p)), ours%variance(p), &
-                                       ours%variance_error(p), ours%variance_ratio(p))
+            do p = 1, 3   ! mean, percentiles
+               taken(:, 4 + p) = about(step*sum(truth(:, p)%value), step*sum(sampled(:, p)%value), &
+                                       integrals(p, c))
             end do
-            taken(:, 8) = between(log(ratio_of(truth)), log(ratio_of(sampled)), &
-                                  log([ours%ratio_low, ours%ratio, ours%ratio_high]), &
-                                  ours%ratio_ratio)
+            taken(:, 8) = log_between(ratio_of(truth), ratio_of(sampled), integrals(4, c))
             do f = 1, count(frequency < highest)
                at = 8 + 3*(f - 1)
-               best => estimates(c)
-               if (f > n_powerful) best => plain(c)
-               taken(:, at + 1) = about(truth%mean(f), sampled%mean(f), best%mean(f), &
-                                        best%mean_error(f), best%mean_ratio(f))
-               do p = 1, 2
-                  taken(:, at + 1 + p) = &
-                     between(log(truth%percentile(f, p)), log(sampled%percentile(f, p)), &
-                             log([best%low(f, p), best%percentile(f, p), best%high(f, p)]), &
-                             best%percentile_ratio(f, p))
+               best = plain(f, :, c)
+               if (f <= n_powerful) best = spectra(f, :, c)
+               taken(:, at + 1) = about(truth(f, 1)%value, sampled(f, 1)%value, best(1))
+               do p = 2, 3
+                  taken(:, at + p) = log_between(truth(f, p)%value, sampled(f, p)%value, best(p))
                end do
             end do
          end associate
@@ -316,17 +308,28 @@ contains
    end subroutine estimate_dof
 
    pure real(wp) function ratio_of(plain)
-      type(spectrum_type), intent(in) :: plain
+      type(statistic_type), intent(in) :: plain(:, :)   !! (frequency, statistic)
 
-      ratio_of = sum(plain%percentile(:, 2))/sum(plain%percentile(:, 1))
+      ratio_of = sum(plain(:, 3)%value)/sum(plain(:, 2)%value)
    end function ratio_of
 
-   !> The numbers of an output whose estimate has a standard error.
-   pure function about(truth, plain, ours, stated, ratio) result(five)
-      real(wp), intent(in) :: truth, plain, ours, stated, ratio
+   !> The numbers of an output whose logarithm is compared.
+   pure function log_between(truth, plain, ours) result(five)
+      real(wp), intent(in) :: truth, plain
+      type(statistic_type), intent(in) :: ours
       real(real32) :: five(5)
 
-      five = between(truth, plain, ours + two_sided*stated*[-1.0_wp, 0.0_wp, 1.0_wp], ratio)
+      five = between(log(truth), log(plain), log([ours%low, ours%value, ours%high]), ours%ratio)
+   end function log_between
+
+   !> The numbers of an output whose estimate has a standard error.
+   pure function about(truth, plain, ours) result(five)
+      real(wp), intent(in) :: truth, plain
+      type(statistic_type), intent(in) :: ours
+      real(real32) :: five(5)
+
+      five = between(truth, plain, ours%value + two_sided*ours%error*[-1.0_wp, 0.0_wp, 1.0_wp], &
+                     ours%ratio)
    end function about
 
    !> The numbers of an output whose estimate has an interval.

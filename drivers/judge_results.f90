@@ -3,7 +3,7 @@ module driver_judge_results
    use campaign_estimates, only: case_estimates
    use campaign_plan, only: add_audits, plan_type
    use campaign_pooling, only: fewest_samples, sharing_cases
-   use campaign_results, only: case_statistics, of_slip
+   use campaign_results, only: case_statistics
    use campaign_samples_needed, only: find_need, is_of_record, needs_more_samples, slip_error, &
       slip_error_of, statistical_error, with_own_records
    use core_error, only: error_type, exit_no_solution, raise
@@ -46,8 +46,8 @@ contains
       do i = 1, n_own
          failures = failures//numerical_failures(plan, i, errors(i))
          if (errors(i)%statistics%n_samples > 1) failures = failures// &
-            statistical_failure(plan, i, slip_error_of(errors(i)%statistics, errors(i)%ratio, &
-                                                       n_cases(i), plan%excitation%per_sample))
+            statistical_failure(plan, i, slip_error_of(errors(i)%statistics, n_cases(i), &
+                                                       plan%excitation%per_sample))
       end do
       if (failures /= '') call raise(error, exit_no_solution, path//' is written, and not as '// &
                                      'accurate as wanted'//failures)
@@ -71,11 +71,9 @@ contains
       largest = slip_error(samples=[0.0_wp], record=[0.0_wp])
       allocate (is_stuck(size(errors)), source=.false.)
       do i = 1, size(errors)
-         associate (slip => errors(i)%statistics%numbers(of_slip))
-            if (allocated(slip%mean)) is_stuck(i) = .not. any(slip%mean > 0.0_wp)
-            if (.not. allocated(slip%mean_error)) cycle
-         end associate
-         one = slip_error_of(errors(i)%statistics, errors(i)%ratio, 0, .false.)
+         if (.not. allocated(errors(i)%statistics%numbers)) cycle
+         is_stuck(i) = .not. any(errors(i)%statistics%numbers%value > 0.0_wp)
+         one = slip_error_of(errors(i)%statistics, 0, .false.)
          if (statistical_error(one) > statistical_error(largest)) largest = one
       end do
       text = mean_words(plan, largest)
@@ -277,8 +275,7 @@ contains
       associate (wanted => plan%accuracy%target_statistical)
          do i = 1, size(plan%cases)
             if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
-            error = slip_error_of(estimates(i)%best, ratio_of(estimates(i)), n_cases(i), &
-                                  plan%excitation%per_sample)
+            error = slip_error_of(estimates(i)%best, n_cases(i), plan%excitation%per_sample)
             if (.not. needs_more_samples(error, wanted)) cycle
             call find_need(error, wanted, plan%integration%n_steps, n, n_steps)
             if (n_cases(i) > 0 .and. n_samples(i) < fewest_samples) &
@@ -290,18 +287,5 @@ contains
          end do
       end associate
    end subroutine decide
-
-   !> Standard errors of plain sampling over those of the best estimates of slip_mean.
-   pure function ratio_of(estimates) result(ratio)
-      type(case_estimates), intent(in) :: estimates
-      real(wp), allocatable :: ratio(:)   !! (joint)
-
-      if (estimates%estimator == 'plain') then
-         allocate (ratio, mold=estimates%best%numbers(of_slip)%mean)
-         ratio = 1.0_wp
-      else
-         ratio = estimates%error_ratio%numbers(of_slip)%mean
-      end if
-   end function ratio_of
 
 end module driver_judge_results

@@ -226,7 +226,7 @@ contains
       wanted = estimators_of(stored)
       do i = 1, size(errors)
          if (plan%accuracy%sample_until_met .and. &
-             needs_more_samples(slip_error_of(errors(i)%statistics, errors(i)%ratio, 0, .false.), &
+             needs_more_samples(slip_error_of(errors(i)%statistics, 0, .false.), &
                                 plan%accuracy%target_statistical)) output%is_complete = .false.
          if (errors(i)%estimator == '') cycle
          if (errors(i)%estimator == wanted(i) .and. &

@@ -1,21 +1,22 @@
 !> The best estimates of all cases: regressions over pools of cases, shared out over the ranks, a
 !> joint or a dof at a time.
 module driver_regression
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use campaign_estimates, only: case_estimates
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_pooling, only: case_pool, draw_law, estimators_of, find_points, find_pools, &
                                reason_for_plain
-   use campaign_results, only: block_result, case_statistics, list_statistics, listed_statistic, &
-                               numbers_of, of_amplitude, of_dissipation, of_distance, of_slip
+   use campaign_results, only: block_result, case_statistics, n_quantities, numbers_of
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_shards, only: stored_samples
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: attend_to_others, world_type
    use process_model, only: process_model_type
+   use statistics_estimates, only: statistic_type
    use statistics_pool, only: new_pool, pool_type
-   use statistics_scalars, only: estimate_scalars, scalar_type
-   use statistics_spectra, only: estimate_spectrum, last_powerful, spectrum_type
+   use statistics_scalars, only: estimate_scalars
+   use statistics_spectra, only: estimate_spectrum, last_powerful
    implicit none(type, external)
    private
    public :: find_estimates
@@ -78,7 +79,6 @@ contains
          associate (cases => workshop%pools(p)%cases)
             do c = 1, size(cases)
                call add_up(world, estimates(cases(c)))
-               call estimates(cases(c))%take_plain(statistics(cases(c)))
             end do
          end associate
       end do
@@ -128,11 +128,12 @@ contains
       end if
       associate (dof => part - workshop%n_joints, n_spectra => size(workshop%dofs))
          if (dof <= 0) then
-            call estimate_numbers(workshop, [of_slip, of_distance, of_dissipation], part, error)
+            call estimate_numbers(workshop, part + workshop%n_joints*[0, 1, 2], error)
          else if (dof <= n_spectra) then
             call estimate_dof(stored, dof, workshop, error)
          else
-            call estimate_numbers(workshop, [of_amplitude], dof - n_spectra, error)
+            call estimate_numbers(workshop, [dof - n_spectra + n_quantities*workshop%n_joints], &
+                                  error)
          end if
       end associate
    end subroutine do_task
@@ -188,34 +189,31 @@ contains
       end associate
    end subroutine gather_pool
 
-   !> Estimates numbers of one joint or dof that follow the same inputs, for all cases at hand.
-   subroutine estimate_numbers(workshop, quantities, place, error)
+   !> Estimates numbers of one joint or dof, which follow the same inputs, for all cases at hand.
+   subroutine estimate_numbers(workshop, numbers, error)
       type(workshop_type), intent(inout) :: workshop
-      integer, intent(in) :: quantities(:)   !! of_slip and others
-      integer, intent(in) :: place           !! joint or dof
+      integer, intent(in) :: numbers(:)   !! their places as numbers_of has them
       type(error_type), allocatable, intent(out) :: error
-      type(scalar_type), allocatable :: plain(:, :), estimates(:, :)
-      integer :: i, q
+      type(statistic_type), dimension(size(numbers), size(workshop%share_below) + 2, &
+                                      size(workshop%pools(workshop%at_hand)%cases)) :: &
+         plain, estimates
+      type(statistic_type) :: sensitivity(size(workshop%points), size(plain, 3))
+      integer :: i
 
       associate (cases => workshop%pools(workshop%at_hand)%cases)
-         allocate (plain(size(quantities), size(cases)), estimates(size(quantities), size(cases)))
          do i = 1, size(cases)
-            do q = 1, size(quantities)
-               associate (statistics => workshop%plain(cases(i))%numbers(quantities(q)))
-                  plain(q, i)%mean = statistics%mean(place)
-                  plain(q, i)%deviation = statistics%std(place)
-                  plain(q, i)%percentile = statistics%percentiles(place, :)
-               end associate
-            end do
+            plain(:, :, i) = workshop%plain(cases(i))%numbers(numbers, :)
          end do
-         call estimate_scalars(workshop%pool, &
-                               workshop%numbers(:, place + (quantities - 1)*workshop%n_joints), &
-                               quantities == of_slip, workshop%share_below, plain, estimates, error)
+         call estimate_scalars(workshop%pool, workshop%numbers(:, numbers), &
+                               numbers <= workshop%n_joints, workshop%share_below, plain, &
+                               estimates, sensitivity, error)
          if (allocated(error)) return
          do i = 1, size(cases)
-            do q = 1, size(quantities)
-               call workshop%found(cases(i))%take_scalar(quantities(q), place, estimates(q, i))
-            end do
+            associate (found => workshop%found(cases(i)))
+               found%best%numbers(numbers, :) = estimates(:, :, i)
+               if (numbers(1) <= workshop%n_joints) &
+                  found%sensitivity(:, numbers(1)) = sensitivity(:, i)
+            end associate
          end do
       end associate
    end subroutine estimate_numbers
@@ -225,33 +223,38 @@ contains
       integer, intent(in) :: dof   !! its place among those whose spectra are kept
       type(workshop_type), intent(inout) :: workshop
       type(error_type), allocatable, intent(out) :: error
-      type(spectrum_type), allocatable :: plain(:), estimates(:)
+      type(statistic_type), allocatable :: plain(:, :, :)      ! (frequency, statistic, case)
+      type(statistic_type), allocatable :: spectra(:, :, :)    ! the same, as far as there is power
+      type(statistic_type), allocatable :: integrals(:, :)     ! (statistic, case)
       real(wp), allocatable :: density(:, :)      ! (sample, frequency)
       real(wp), allocatable :: of_case(:, :, :)   ! (1, frequency, sample)
       integer :: i, n
 
       associate (cases => workshop%pools(workshop%at_hand)%cases, &
                  n_fitted => workshop%pools(workshop%at_hand)%n_fitted, pool => workshop%pool)
-         allocate (plain(size(cases)), estimates(size(cases)))
+         associate (psd => workshop%plain(cases(1))%psd)
+            allocate (plain(size(psd, 2), size(psd, 3), size(cases)))
+         end associate
          n = 0
          do i = 1, size(cases)
-            plain(i)%mean = workshop%plain(cases(i))%psd_mean(dof, :)
-            plain(i)%percentile = workshop%plain(cases(i))%psd_percentiles(dof, :, :)
-            n = max(n, last_powerful(plain(i)%mean))
+            plain(:, :, i) = workshop%plain(cases(i))%psd(dof, :, :)
+            n = max(n, last_powerful(plain(:, 1, i)%value))
          end do
-         allocate (density(size(pool%x, 1), n))
+         allocate (density(size(pool%x, 1), n), spectra(n, size(plain, 2), size(cases)), &
+                   integrals(size(plain, 2) + 1, size(cases)))
          do i = 1, size(cases)
-            allocate (of_case(1, size(density, 2), n_fitted(i)))
+            allocate (of_case(1, n, n_fitted(i)))
             call stored%read_part(cases(i), 'psd', [dof, 1, 1], of_case, error)
             if (allocated(error)) return
             density(pool%first(i):pool%first(i + 1) - 1, :) = transpose(of_case(1, :, :))
             deallocate (of_case)
          end do
          call estimate_spectrum(pool, density, workshop%step, workshop%share_below, plain, &
-                                estimates, error)
+                                spectra, integrals, error)
          if (allocated(error)) return
          do i = 1, size(cases)
-            call workshop%found(cases(i))%take_spectrum(dof, estimates(i))
+            call workshop%found(cases(i))%take_spectrum(dof, workshop%plain(cases(i)), &
+                                                        spectra(:, :, i), integrals(:, i))
          end do
       end associate
    end subroutine estimate_dof
@@ -259,16 +262,25 @@ contains
    !> Adds up the estimates of a case, of which each rank has some joints and dofs; collective.
    subroutine add_up(world, found)
       type(world_type), intent(in) :: world
-      type(case_estimates), intent(inout), target :: found
-      type(listed_statistic), allocatable :: list(:)
-      integer :: i
+      type(case_estimates), intent(inout) :: found
 
-      call world%add_up(size(found%sensitivity), found%sensitivity)
-      call world%add_up(size(found%sensitivity_error), found%sensitivity_error)
-      list = [list_statistics(found%best), list_statistics(found%error_ratio)]
-      do i = 1, size(list)
-         call world%add_up(size(list(i)%values), list(i)%values)
-      end do
+      call add_table(found%sensitivity)
+      call add_table(found%best%numbers)
+      call add_table(found%best%psd)
+      call add_table(found%best%pseudo_variances)
+
+   contains
+
+      subroutine add_table(table)
+         type(statistic_type), intent(inout), target, contiguous, optional :: table(..)
+         real(wp), pointer :: numbers(:)
+
+         if (.not. present(table)) return
+         call c_f_pointer(c_loc(table), numbers, &
+                          [size(table)*(storage_size(table)/storage_size(1.0_wp))])
+         call world%add_up(size(numbers), numbers)
+      end subroutine add_table
+
    end subroutine add_up
 
 end module driver_regression

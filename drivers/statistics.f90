@@ -4,7 +4,7 @@ module driver_statistics
    use campaign_columns, only: column_collector, sample_groups, start_columns
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_results, only: block_result, case_statistics, n_quantities, numbers_of, &
-                               of_amplitude, of_slip, spectrum_layout
+                               spectrum_layout
    use campaign_selection, only: selection_type
    use campaign_time_average, only: count_spans, fewest_spans, span_collector, start_spans
    use core_chunks, only: frequencies_together
@@ -272,19 +272,12 @@ contains
       class(case_task), intent(in) :: self
       type(plan_type), intent(in) :: plan
       type(case_statistics), intent(inout) :: statistics
-      integer :: q
 
       statistics%n_samples = plan%cases(self%number)%n_samples
-      associate (n => plan%structure%n_joints)
-         do q = 1, n_quantities
-            call self%numbers%finish((q - 1)*n + 1, q*n, statistics%numbers(q))
-         end do
-         associate (high => statistics%numbers(of_slip)%high)
-            high = min(high, 1.0_wp)   ! an end beyond the samples knows no fraction
-         end associate
-         if (plan%excitation%kind == 'sine') &
-            call self%numbers%finish(n_quantities*n + 1, n_quantities*n + plan%structure%n_dof, &
-                                     statistics%numbers(of_amplitude))
+      statistics%n_joints = plan%structure%n_joints
+      call self%numbers%finish(statistics%numbers)
+      associate (slip => statistics%numbers(:statistics%n_joints, :))
+         slip%high = min(slip%high, 1.0_wp)   ! an end beyond the samples knows no fraction
       end associate
       if (.not. self%has_spans) return
       call self%spans%finish(statistics%n_samples, statistics)

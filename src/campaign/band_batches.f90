@@ -22,7 +22,7 @@ module campaign_band_batches
    !> Collects one case. Ranges of frequencies may be taken by different ranks: sums over the ranks
    !> of `variance` make a collector that has all.
    type :: batch_collector
-      !> (batch, mean (0) and percentiles (1..), dof, slice) pseudo-variances [m^2]
+      !> (batch, mean or percentile, dof, slice) pseudo-variances [m^2]
       real(wp), allocatable :: variance(:, :, :, :)
    contains
       procedure :: add
@@ -37,7 +37,7 @@ contains
       integer, intent(in) :: n_slices   !! in which the frequencies come
       type(batch_collector), intent(out) :: collector
 
-      allocate (collector%variance(n_batches, 0:n_percentiles, n_dof, n_slices), source=0.0_wp)
+      allocate (collector%variance(n_batches, n_percentiles + 1, n_dof, n_slices), source=0.0_wp)
    end subroutine start_batches
 
    !> Adds one frequency of one dof.
@@ -47,7 +47,7 @@ contains
       real(wp), intent(in) :: density(:)         !! (sample) [m^2/Hz]
       integer, intent(in) :: ranking(:)            !! of the samples, ascending
       real(wp), intent(in) :: power(:, :)        !! (batch, sample) in the range of the frequency
-      real(wp), intent(in) :: at(0:)             !! mean (0) and percentiles, times the step [m^2]
+      real(wp), intent(in) :: at(:)              !! mean and percentiles, times the step [m^2]
       real(wp), intent(in) :: low(:), high(:)    !! (percentile) ends of the interval of its rank
       real(wp) :: relative(n_batches, size(density)), weighted(n_batches)   ! 1 on average
       integer :: i, n, p
@@ -59,11 +59,12 @@ contains
          if (sum(power(:, i)) > 0.0_wp) relative(:, i) = power(:, i)*(n_batches/sum(power(:, i)))
          weighted = weighted + density(i)*relative(:, i)
       end do
-      associate (variance => self%variance(:, :, dof, slice))   ! (batch, from 1: mean, percentiles)
-         if (sum(density) > 0.0_wp) variance(:, 1) = variance(:, 1) + at(0)*weighted/sum(density)
+      associate (variance => self%variance(:, :, dof, slice))
+         if (sum(density) > 0.0_wp) variance(:, 1) = variance(:, 1) + at(1)*weighted/sum(density)
          do p = 1, size(low)
             associate (near => ranking(floor(low(p)):ceiling(high(p))))
-               variance(:, p + 1) = variance(:, p + 1) + at(p)*sum(relative(:, near), 2)/size(near)
+               variance(:, p + 1) = variance(:, p + 1) &
+                                    + at(p + 1)*sum(relative(:, near), 2)/size(near)
             end associate
          end do
       end associate
@@ -74,24 +75,20 @@ contains
    pure subroutine finish(self, statistics)
       class(batch_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics
-      real(wp), allocatable :: variance(:, :)   ! (batch, percentile)
-      integer :: dof, last, n_dof, p
+      real(wp) :: variance(n_batches, size(self%variance, 2))   ! (batch; mean, percentiles)
+      integer :: dof, last, s
 
-      last = ubound(self%variance, 2)
-      n_dof = size(self%variance, 3)
-      allocate (statistics%pseudo_variance_mean_time_error(n_dof), &
-                statistics%pseudo_variance_percentiles_time_error(n_dof, last))
-      allocate (statistics%band_ratio_time_error(n_dof), source=not_a_number)
-      do dof = 1, n_dof
-         statistics%pseudo_variance_mean_time_error(dof) = &
-            error_of_batches(sum(self%variance(:, 0, dof, :), 2))
-         variance = sum(self%variance(:, 1:, dof, :), 3)
-         statistics%pseudo_variance_percentiles_time_error(dof, :) = &
-            [(error_of_batches(variance(:, p)), p=1, last)]
-         if (minval(variance) > 0.0_wp) then
-            statistics%band_ratio_time_error(dof) = &
-               statistics%band_ratio(dof)*error_of_batches(log(variance(:, last)/variance(:, 1)))
-         end if
+      last = size(variance, 2)
+      allocate (statistics%pseudo_variance_time_error(size(self%variance, 3), last + 1))
+      do dof = 1, size(self%variance, 3)
+         variance = sum(self%variance(:, :, dof, :), 3)
+         associate (error => statistics%pseudo_variance_time_error(dof, :))
+            error(:last) = [(error_of_batches(variance(:, s)), s=1, last)]
+            error(last + 1) = not_a_number
+            if (minval(variance(:, 2:)) > 0.0_wp) &
+               error(last + 1) = statistics%pseudo_variances(dof, last + 1)%value &
+                                 *error_of_batches(log(variance(:, last)/variance(:, 2)))
+         end associate
       end do
    end subroutine finish
 

@@ -16,12 +16,13 @@
 module campaign_bands
    use campaign_band_batches, only: batch_collector, not_a_number, start_batches
    use campaign_columns, only: column_collector, high, low, middle, start_columns
-   use campaign_results, only: case_statistics, joint_statistics
+   use campaign_results, only: case_statistics
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use numerics_correlated, only: n_batches
    use numerics_spectrum, only: last_of_ranges
    use numerics_statistics, only: error_of_mean
+   use statistics_estimates, only: statistic_type
    implicit none(type, external)
    private
    public :: band_collector, start_bands, n_replicates
@@ -169,28 +170,22 @@ contains
    pure subroutine finish(self, statistics)
       class(band_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics
-      type(joint_statistics) :: densities
+      type(statistic_type), allocatable :: densities(:, :)   ! (density, statistic)
+      real(wp), allocatable :: freedoms(:)
       integer :: dof, f
 
-      call self%columns%finish(1, self%n_dof*self%n_frequencies, densities)
+      call self%columns%finish(densities, freedoms)
       associate (n_dof => self%n_dof, nf => self%n_frequencies, &
                  np => self%columns%n_percentiles)
-         statistics%psd_mean = reshape(densities%mean, [n_dof, nf])
-         statistics%psd_mean_error = reshape(densities%mean_error, [n_dof, nf])
-         statistics%psd_mean_freedoms = reshape(densities%freedoms, [n_dof, nf])
-         statistics%psd_percentiles = reshape(densities%percentiles, [n_dof, nf, np])
-         statistics%psd_percentiles_low = reshape(densities%low, [n_dof, nf, np])
-         statistics%psd_percentiles_high = reshape(densities%high, [n_dof, nf, np])
-         allocate (statistics%pseudo_variance_mean(n_dof), source=0.0_wp)
-         allocate (statistics%pseudo_variance_percentiles(n_dof, np), source=0.0_wp)
-         do f = 1, nf
-            statistics%pseudo_variance_mean = statistics%pseudo_variance_mean &
-                                              + self%step*statistics%psd_mean(:, f)
-            statistics%pseudo_variance_percentiles = statistics%pseudo_variance_percentiles &
-                                                     + self%step*statistics%psd_percentiles(:, f, :)
-         end do
-         statistics%pseudo_variance_mean_error = &
-            [(error_of_mean(join_integrals(self, dof)), dof=1, n_dof)]
+         statistics%psd = reshape(densities(:, :np + 1), [n_dof, nf, np + 1])
+         statistics%psd_mean_freedoms = reshape(freedoms, [n_dof, nf])
+         allocate (statistics%pseudo_variances(n_dof, np + 2))
+         associate (integrals => statistics%pseudo_variances(:, :np + 1))
+            do f = 1, nf
+               integrals%value = integrals%value + self%step*statistics%psd(:, f, :)%value
+            end do
+            integrals(:, 1)%error = [(error_of_mean(join_integrals(self, dof)), dof=1, n_dof)]
+         end associate
       end associate
       call find_ratios(self, statistics)
       if (allocated(self%batches%variance)) call self%batches%finish(statistics)
@@ -202,29 +197,26 @@ contains
    pure subroutine find_ratios(self, statistics)
       class(band_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics
-      real(wp) :: variance(size(self%replicate, 2), size(self%replicate, 3)), ratio, spread
+      real(wp) :: variance(size(self%replicate, 2), size(self%replicate, 3)), spread
       integer :: dof, last, p
 
       last = size(self%replicate, 2)
-      allocate (statistics%pseudo_variance_percentiles_error, &
-                mold=statistics%pseudo_variance_percentiles)
-      allocate (statistics%band_ratio(size(self%replicate, 1)), source=not_a_number)
-      statistics%band_ratio_low = statistics%band_ratio
-      statistics%band_ratio_high = statistics%band_ratio
-      statistics%band_ratio_bias = statistics%band_ratio
-      do dof = 1, size(statistics%band_ratio)
+      allocate (statistics%band_ratio_bias(self%n_dof), source=not_a_number)
+      do dof = 1, self%n_dof
          variance = sum(self%replicate(dof, :, :, :), 3)
-         statistics%pseudo_variance_percentiles_error(dof, :) = &
-            [(error_over_groups(self, variance(p, :)), p=1, last)]
-         if (any(.not. variance(1, :) > 0.0_wp)) cycle
-         associate (logarithm => log(variance(last, :)/variance(1, :)))
-            spread = 1.96_wp*error_over_groups(self, logarithm)
-            ratio = statistics%pseudo_variance_percentiles(dof, last) &
-                    /statistics%pseudo_variance_percentiles(dof, 1)
-            statistics%band_ratio(dof) = ratio
-            statistics%band_ratio_low(dof) = ratio*exp(-spread)
-            statistics%band_ratio_high(dof) = ratio*exp(spread)
-            statistics%band_ratio_bias(dof) = exp(sum(logarithm)/size(logarithm))/ratio - 1.0_wp
+         associate (integrals => statistics%pseudo_variances(dof, 2:last + 1), &
+                    ratio => statistics%pseudo_variances(dof, last + 2))
+            integrals%error = [(error_over_groups(self, variance(p, :)), p=1, last)]
+            ratio = statistic_type(not_a_number, low=not_a_number, high=not_a_number)
+            if (any(.not. variance(1, :) > 0.0_wp)) cycle
+            associate (logarithm => log(variance(last, :)/variance(1, :)))
+               spread = 1.96_wp*error_over_groups(self, logarithm)
+               ratio%value = integrals(last)%value/integrals(1)%value
+               ratio%low = ratio%value*exp(-spread)
+               ratio%high = ratio%value*exp(spread)
+               statistics%band_ratio_bias(dof) = exp(sum(logarithm)/size(logarithm))/ratio%value &
+                                                 - 1.0_wp
+            end associate
          end associate
       end do
    end subroutine find_ratios

@@ -11,13 +11,12 @@
 !> where nothing was added, make a collector that has all. `at` has the same bits on any number of
 !> ranks only after the selection.
 module campaign_columns
-   use campaign_results, only: joint_statistics
    use campaign_selection, only: selection_type, start_selection
    use core_kinds, only: long, wp
    use numerics_sorting, only: sort_order
    use numerics_statistics, only: deviation_error_of_sums, deviation_of_sums, freedoms_of_sums, &
                                   joined_sums, mean_error_of_sums, n_sums, sums_of
-   use statistics_estimates, only: end_beyond
+   use statistics_estimates, only: end_beyond, statistic_type
    use statistics_order, only: at_rank, interval_rank
    implicit none(type, external)
    private
@@ -177,29 +176,34 @@ contains
       end do
    end subroutine take_selection
 
-   !> Computes the statistics of columns first..last, once all groups are added and the percentiles
-   !> of all samples selected.
-   pure subroutine finish(self, first, last, statistics)
+   !> Computes the statistics, once all groups are added and the percentiles of all samples
+   !> selected.
+   pure subroutine finish(self, statistics, freedoms)
       class(column_collector), intent(in) :: self
-      integer, intent(in) :: first, last
-      type(joint_statistics), intent(out) :: statistics
-      real(wp) :: sums(n_sums, first:last)
-      integer :: group, i
+      !> (column, statistic) mean, percentiles, standard deviation
+      type(statistic_type), allocatable, intent(out) :: statistics(:, :)
+      real(wp), allocatable, intent(out), optional :: freedoms(:)   !! (column) of the mean
+      real(wp) :: sums(n_sums)
+      integer :: column, group, last
 
-      sums = self%sums(:, first:last, 1)
-      do group = 2, self%n_groups
-         do i = first, last
-            sums(:, i) = joined_sums(sums(:, i), self%sums(:, i, group))
+      last = self%n_percentiles + 2
+      allocate (statistics(size(self%at, 1), last))
+      if (present(freedoms)) allocate (freedoms(size(self%at, 1)))
+      do column = 1, size(statistics, 1)
+         sums = self%sums(:, column, 1)
+         do group = 2, self%n_groups
+            sums = joined_sums(sums, self%sums(:, column, group))
          end do
+         statistics(column, 1) = statistic_type(sums(2), mean_error_of_sums(sums))
+         statistics(column, last) = statistic_type(deviation_of_sums(sums), &
+                                                   deviation_error_of_sums(sums))
+         if (present(freedoms)) freedoms(column) = freedoms_of_sums(sums)
       end do
-      statistics%mean = sums(2, :)
-      statistics%std = [(deviation_of_sums(sums(:, i)), i=first, last)]
-      statistics%mean_error = [(mean_error_of_sums(sums(:, i)), i=first, last)]
-      statistics%std_error = [(deviation_error_of_sums(sums(:, i)), i=first, last)]
-      statistics%freedoms = [(freedoms_of_sums(sums(:, i)), i=first, last)]
-      statistics%percentiles = self%at(first:last, :, middle)
-      statistics%low = self%at(first:last, :, low)
-      statistics%high = self%at(first:last, :, high)
+      associate (percentiles => statistics(:, 2:last - 1))
+         percentiles%value = self%at(:, :, middle)
+         percentiles%low = self%at(:, :, low)
+         percentiles%high = self%at(:, :, high)
+      end associate
    end subroutine finish
 
    !> Place of the order statistic below a percentile.

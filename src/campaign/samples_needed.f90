@@ -10,7 +10,7 @@
 !> are 3 to 9 times those of 128 (docs/accuracy.md).
 module campaign_samples_needed
    use campaign_pooling, only: fewest_samples, fitted_samples
-   use campaign_results, only: case_statistics, of_slip
+   use campaign_results, only: case_statistics
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
@@ -36,9 +36,8 @@ module campaign_samples_needed
 contains
 
    !> The errors of statistics; not allocated where the march is too short to tell them.
-   pure function slip_error_of(statistics, ratio, n_cases, has_own_records) result(error)
+   pure function slip_error_of(statistics, n_cases, has_own_records) result(error)
       type(case_statistics), intent(in) :: statistics   !! of two samples or more
-      real(wp), intent(in) :: ratio(:)                  !! (joint) as in slip_error
       integer, intent(in) :: n_cases                    !! as in slip_error
       logical, intent(in) :: has_own_records
       type(slip_error) :: error
@@ -47,8 +46,10 @@ contains
       error%n_cases = n_cases
       error%has_own_records = has_own_records
       if (.not. allocated(statistics%slip_mean_time_error)) return
-      error%samples = points*statistics%numbers(of_slip)%mean_error
-      error%ratio = max(1.0_wp, ratio)
+      associate (slip_mean => statistics%numbers(:statistics%n_joints, 1))
+         error%samples = points*slip_mean%error
+         error%ratio = max(1.0_wp, slip_mean%ratio)
+      end associate
       error%record = points*statistics%slip_mean_time_error
       error%own = error%record
       if (allocated(statistics%slip_std_time_part)) &

@@ -5,17 +5,18 @@ module io_case_statistics
    use campaign_comparison, only: band_ratio_error, difference_type, numerical_error, slip_error
    use campaign_estimates, only: case_estimates
    use campaign_plan, only: integration_settings, kept_of, plan_type, reference_for
-   use campaign_results, only: block_result, case_statistics, list_statistics, list_time_errors, &
-                              listed_statistic, of_slip, spectrum_layout
+   use campaign_results, only: block_result, case_statistics, spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: numbered
    use io_blocks, only: put_short
+   use io_files, only: folder_of
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file
    use io_results, only: case_group, finish_case, write_dofs
    use io_shards, only: stored_samples
    use numerics_sorting, only: sort_order
+   use statistics_estimates, only: statistic_type
    implicit none(type, external)
    private
    public :: write_estimates
@@ -26,19 +27,17 @@ contains
    !> Takes the first error of all.
    subroutine write_estimates(group, plain, found, error)
       type(group_type), intent(inout) :: group
-      type(case_statistics), intent(in), target :: plain
+      type(case_statistics), intent(in) :: plain
       type(case_estimates), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
 
-      call write_statistics(group, found%best, found%estimator /= 'plain')
-      if (allocated(plain%band_ratio_time_error)) &
-         call group%attribute('band_ratio_time_error_method', &
-                              'scatter of consecutive batches of the march')
-      call write_list(group, list_time_errors(plain))
-      if (allocated(plain%numbers(of_slip)%mean)) then
+      if (allocated(plain%numbers)) then
+         call write_methods(group, found%estimator /= 'plain', allocated(plain%psd))
+         call write_statistics(group, found%best)
          call group%attribute('estimator', trim(found%estimator))
          if (len(found%reason) > 0) call group%attribute('plain_reason', found%reason)
       end if
+      call write_time_errors(group, plain)
       if (found%estimator /= 'plain') then
          call write_sensitivities(group, found)
          call write_beside(group, plain, found)
@@ -46,16 +45,42 @@ contains
       call group%take_error(error)
    end subroutine write_estimates
 
+   !> Writes the errors that the finite length of the march adds, whatever the estimator.
+   subroutine write_time_errors(group, plain)
+      type(group_type), intent(inout) :: group
+      type(case_statistics), intent(in) :: plain
+      character(*), parameter :: of_time = 'time-average error, the same for any number of '// &
+                                           'samples, of '
+      integer :: last
+
+      call group%put('slip_mean_time_error', plain%slip_mean_time_error, '1', &
+                     of_time//'slip_mean', 'joint')
+      call group%put('slip_std_time_part', plain%slip_std_time_part, '1', &
+                     'part of slip_std that the time average adds', 'joint')
+      if (.not. allocated(plain%pseudo_variance_time_error)) return
+      call group%attribute('band_ratio_time_error_method', &
+                           'scatter of consecutive batches of the march')
+      associate (errors => plain%pseudo_variance_time_error)
+         last = size(errors, 2)
+         call group%put('pseudo_variance_mean_time_error', errors(:, 1), 'm^2', &
+                        of_time//'pseudo_variance_mean', 'kept')
+         call group%put('pseudo_variance_percentiles_time_error', errors(:, 2:last - 1), 'm^2', &
+                        of_time//'pseudo_variance_percentiles', 'percentile kept')
+         call group%put('band_ratio_time_error', errors(:, last), '1', of_time//'band_ratio', &
+                        'kept')
+      end associate
+   end subroutine write_time_errors
+
    subroutine write_sensitivities(group, found)
       type(group_type), intent(inout) :: group
       type(case_estimates), intent(in) :: found
 
       call group%put('friction_point', found%friction_points, '1', &
                      'point of the process, of the friction of one joint or more', 'friction_point')
-      call group%put('sensitivity', found%sensitivity, '1', &
+      call group%put('sensitivity', found%sensitivity%value, '1', &
                      'share of the variance of slip_fraction due to one friction value', &
                      'joint friction_point')
-      call group%put('sensitivity_error', found%sensitivity_error, '1', &
+      call group%put('sensitivity_error', found%sensitivity%error, '1', &
                      'standard error of sensitivity', 'joint friction_point')
    end subroutine write_sensitivities
 
@@ -64,57 +89,105 @@ contains
    subroutine write_beside(group, plain, found)
       type(group_type), intent(inout) :: group
       type(case_statistics), intent(in) :: plain
-      type(case_estimates), intent(in), target :: found
+      type(case_estimates), intent(in) :: found
       type(group_type) :: beside
-      type(listed_statistic), allocatable :: ratios(:)
-      integer :: i
 
       if (allocated(group%error)) return
       beside = group
       call beside%go_to(group%path//'/plain')
-      call write_statistics(beside, plain, .false.)
+      call write_methods(beside, .false., allocated(plain%psd))
+      call write_statistics(beside, plain)
       call beside%go_to(group%path//'/error_ratio')
-      ratios = list_statistics(found%error_ratio)
-      ratios%units = '1'
-      ratios%about = 'standard error of plain sampling over that of the estimate'
-      call write_list(beside, ratios)
+      call write_statistics(beside, found%best, found)
       call beside%take_error(group%error)
-      do i = 1, size(ratios)
-         call note_gain(group, found, trim(ratios(i)%name), &
-                        reshape(ratios(i)%values, [size(ratios(i)%values)]))
-      end do
    end subroutine write_beside
 
-   subroutine write_statistics(group, statistics, is_regression)
+   !> Writes each statistic of a case, with its error or interval; or, where `gains` is there, the
+   !> ratios of plain sampling's errors to those of estimates, and with each estimate in the group
+   !> above what it gains.
+   subroutine write_statistics(group, statistics, gains)
       type(group_type), intent(inout) :: group
-      type(case_statistics), intent(in), target :: statistics
-      logical, intent(in) :: is_regression
+      type(case_statistics), intent(in) :: statistics
+      type(case_estimates), intent(in), optional :: gains
+      integer :: last, n, n_f, np
 
-      if (.not. allocated(statistics%numbers(of_slip)%mean)) return
-      call write_methods(group, is_regression, allocated(statistics%psd_mean))
-      call write_list(group, list_statistics(statistics))
-   end subroutine write_statistics
+      last = size(statistics%numbers, 2)
+      np = last - 2
+      n = statistics%n_joints
+      associate (numbers => statistics%numbers)
+         call put_numbers('slip', '1', 'joint', 'slip_fraction', numbers(:n, :))
+         call put_numbers('slip_distance', 'm', 'joint', 'slip_distance', numbers(n + 1:2*n, :))
+         call put_numbers('dissipation', 'J', 'joint', 'dissipation', numbers(2*n + 1:3*n, :))
+         if (size(numbers, 1) > 3*n) &
+            call put_numbers('harmonic_amplitude', 'm', 'dof', 'harmonic_amplitude', &
+                             numbers(3*n + 1:, :))
+      end associate
+      if (.not. allocated(statistics%psd)) return
+      associate (psd => statistics%psd, integrals => statistics%pseudo_variances)
+         n = size(psd, 1)
+         n_f = size(psd, 2)
+         call put('psd_mean', 'm^2/Hz', 'frequency kept', 'mean of psd', .false., [n, n_f], &
+                  psd(:, :, 1))
+         call put('psd_percentiles', 'm^2/Hz', 'percentile frequency kept', 'percentiles of psd', &
+                  .true., [n, n_f, np], psd(:, :, 2:))
+         call put('pseudo_variance_mean', 'm^2', 'kept', &
+                  'integral of psd_mean over frequency, Eq. (46)', .false., [n], integrals(:, 1))
+         call put('pseudo_variance_percentiles', 'm^2', 'percentile kept', &
+                  'integral of each percentile, Eq. (46)', .false., [n, np], &
+                  integrals(:, 2:last - 1))
+         call put('band_ratio', '1', 'kept', &
+                  'pseudo-variance of the last over the first percentile', .true., [n], &
+                  integrals(:, last))
+      end associate
+      if (.not. present(gains)) &
+         call group%put('band_ratio_bias', statistics%band_ratio_bias, '1', &
+                        'relative bias of band_ratio, by bootstrap', 'kept')
 
-   subroutine write_list(group, list)
-      type(group_type), intent(inout) :: group
-      type(listed_statistic), intent(in) :: list(:)
-      character(:), allocatable :: axes
-      integer :: i
+   contains
 
-      do i = 1, size(list)
-         axes = trim(list(i)%axes)
-         associate (s => list(i))
-            select case (s%n_axes)
-            case (1)
-               call group%put(trim(s%name), s%values(:, 1, 1), trim(s%units), trim(s%about), axes)
-            case (2)
-               call group%put(trim(s%name), s%values(:, :, 1), trim(s%units), trim(s%about), axes)
-            case default
-               call group%put(trim(s%name), s%values, trim(s%units), trim(s%about), axes)
-            end select
+      !> Puts the statistics of a quantity of the joints or dofs.
+      subroutine put_numbers(name, units, axis, quantity, numbers)
+         character(*), intent(in) :: name, units
+         character(*), intent(in) :: axis       !! 'joint' or 'dof'
+         character(*), intent(in) :: quantity   !! dataset of the samples
+         type(statistic_type), intent(in) :: numbers(:, :)
+
+         associate (n => size(numbers, 1))
+            call put(name//'_mean', units, axis, 'mean of '//quantity, .false., [n], numbers(:, 1))
+            call put(name//'_std', units, axis, 'standard deviation of '//quantity, .false., [n], &
+                     numbers(:, last))
+            call put(name//'_percentiles', units, 'percentile '//axis, &
+                     'percentiles of '//quantity, .true., [n, np], numbers(:, 2:last - 1))
          end associate
-      end do
-   end subroutine write_list
+      end subroutine put_numbers
+
+      !> Puts one statistic.
+      subroutine put(name, units, axes, about, has_interval, extents, values)
+         character(*), intent(in) :: name, units, axes, about
+         logical, intent(in) :: has_interval    !! else a standard error
+         integer, intent(in) :: extents(:)      !! Fortran's order
+         type(statistic_type), intent(in) :: values(product(extents))
+
+         if (present(gains)) then
+            call group%put(name, values%ratio, '1', &
+                           'standard error of plain sampling over that of the estimate', axes, &
+                           extents=extents)
+            call note_gain(group, gains, name, values%ratio)
+            return
+         end if
+         call group%put(name, values%value, units, about, axes, extents=extents)
+         if (has_interval) then
+            call group%put(name//'_low', values%low, units, 'lower end of the 95 % interval of '// &
+                           name, axes, extents=extents)
+            call group%put(name//'_high', values%high, units, 'upper end of the 95 % interval '// &
+                           'of '//name, axes, extents=extents)
+         else
+            call group%put(name//'_error', values%error, units, 'standard error of '//name, axes, &
+                           extents=extents)
+         end if
+      end subroutine put
+
+   end subroutine write_statistics
 
    subroutine write_methods(group, is_regression, has_bands)
       type(group_type), intent(inout) :: group
@@ -145,7 +218,7 @@ contains
 
    !> Notes with a best estimate how it came about and what that gains.
    subroutine note_gain(group, found, name, ratio)
-      type(group_type), intent(inout) :: group   !! of the estimate
+      type(group_type), intent(inout) :: group   !! of the ratios, in that of the estimate
       type(case_estimates), intent(in) :: found
       character(*), intent(in) :: name
       real(wp), intent(in) :: ratio(:)   !! plain sampling's errors over the estimate's
@@ -155,7 +228,7 @@ contains
 
       if (allocated(group%error)) return
       dataset = group
-      dataset%path = group%path//'/'//name
+      dataset%path = folder_of(group%path)//'/'//name
       order = sort_order(ratio)
       call dataset%attribute('error_ratio', ratio(order((size(order) + 1)/2)))
       if (maxval(ratio) > 1.0_wp) then

@@ -2,7 +2,7 @@
 !> campaign goes on to more of them, and the errors of its cases as it states them:
 !> targets are judged by what was written.
 module io_earlier_results
-   use campaign_results, only: case_statistics, of_slip
+   use campaign_results, only: case_statistics
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_source, only: is_hdf5_file
@@ -18,11 +18,10 @@ module io_earlier_results
    public :: check_replaceable, inspect_results, stored_in_results
    public :: case_errors, read_errors
 
-   !> Errors of one case. The statistics hold only errors of slip fractions, where they are known.
+   !> Errors of one case. The statistics are those of mean slip fractions, where they are known.
    type :: case_errors
       type(case_statistics) :: statistics
       character(:), allocatable :: estimator   !! of the statistics; empty without statistics
-      real(wp), allocatable :: ratio(:)        !! (joint) plain sampling's errors over them
       real(wp), allocatable :: percentiles(:)  !! [%] of the statistics; empty without statistics
       integer :: n_audited = 0
       integer :: n_unsteady = -1         !! samples under a sine that are not steady; -1: no sine
@@ -150,22 +149,25 @@ contains
    subroutine read_case(group, errors)
       type(group_type), intent(inout) :: group
       type(case_errors), intent(inout) :: errors
-      real(wp), allocatable :: is_steady(:)
+      real(wp), allocatable :: is_steady(:), mean(:), mean_error(:), ratio(:)
 
-      associate (statistics => errors%statistics, slip => errors%statistics%numbers(of_slip))
+      associate (statistics => errors%statistics)
          call group%read('n_samples', statistics%n_samples)
-         call group%get('slip_mean', slip%mean)
-         call group%get('slip_mean_error', slip%mean_error)
+         call group%get('slip_mean', mean)
+         call group%get('slip_mean_error', mean_error)
          call group%get('slip_mean_time_error', statistics%slip_mean_time_error)
          call group%get('slip_std_time_part', statistics%slip_std_time_part)
-         call group%get('error_ratio/slip_mean', errors%ratio)
+         call group%get('error_ratio/slip_mean', ratio)
          call group%get('percentile', errors%percentiles)
          call group%get('steady', is_steady)
          errors%estimator = ''
          if (group%has_attribute('estimator')) call group%read('estimator', errors%estimator)
-         if (.not. allocated(errors%ratio)) then
-            allocate (errors%ratio(0))
-            if (allocated(slip%mean_error)) errors%ratio = 0.0_wp*slip%mean_error + 1.0_wp
+         if (allocated(mean_error)) then
+            statistics%n_joints = size(mean)
+            allocate (statistics%numbers(size(mean), 1))
+            statistics%numbers(:, 1)%value = mean
+            statistics%numbers(:, 1)%error = mean_error
+            if (allocated(ratio)) statistics%numbers(:, 1)%ratio = ratio
          end if
       end associate
       if (.not. allocated(errors%percentiles)) allocate (errors%percentiles(0))

@@ -87,12 +87,13 @@ contains
    end subroutine go_to
 
    !> Writes a whole dataset of any rank, where `values` is there.
-   subroutine put_reals(self, name, values, units, long_name, axes, kind)
+   subroutine put_reals(self, name, values, units, long_name, axes, kind, extents)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name, units, long_name
       real(wp), intent(in), contiguous, optional :: values(..)
       character(*), intent(in), optional :: axes   !! in Python's order, '' of a scalar; of a column
       character(*), intent(in), optional :: kind   !! as label_type has it
+      integer, intent(in), optional :: extents(:)  !! of the dataset, if not the shape of `values`
       type(label_type) :: label
 
       if (.not. present(values) .or. allocated(self%error)) return
@@ -100,6 +101,7 @@ contains
       label%axes = trim(self%axis)
       if (present(axes)) label%axes = self%axes_named(axes)
       if (present(kind)) label%kind = kind
+      if (present(extents)) label%extents = extents
       call write_dataset(self%file, self%at(name), values, label, self%error)
    end subroutine put_reals
 

@@ -6,14 +6,23 @@ module statistics_estimates
    use statistics_order, only: at_rank
    implicit none(type, external)
    private
-   public :: estimates_type, blank_estimates, downward_error, end_beyond, inverse_density, &
-             plain_deviation, plain_mean, plain_percentile, stated_error, student_factor, &
-             two_sided, upward_error
+   public :: statistic_type, estimates_type, blank_estimates, downward_error, end_beyond, &
+             inverse_density, plain_deviation, plain_mean, plain_percentile, stated_error, &
+             student_factor, two_sided, upward_error
 
    real(wp), parameter :: two_sided = 1.959964_wp   !! standard errors of a 95 % interval
    real(wp), parameter :: least_stretch = 0.5_wp   !! where samples tie; a blend with a fit does not
    real(wp), parameter :: largest_relative = 1.0_wp    !! error that is taken as one of a logarithm
    real(wp), parameter :: fewest_freedoms = 3.0_wp     !! of Student's law
+
+   !> A statistic over the samples of a case, with what is known of its error: a standard error, or,
+   !> of a percentile, a 95 % interval.
+   type :: statistic_type
+      real(wp) :: value = 0.0_wp
+      real(wp) :: error = 0.0_wp                   !! standard error
+      real(wp) :: low = 0.0_wp, high = 0.0_wp      !! ends of the interval
+      real(wp) :: ratio = 1.0_wp                   !! plain sampling's error over that of value
+   end type statistic_type
 
    !> Several outputs estimated from the same samples.
    type :: estimates_type

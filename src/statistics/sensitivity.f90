@@ -3,7 +3,7 @@ module statistics_sensitivity
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_lapack, only: multiply, solve_positive_definite
-   use statistics_estimates, only: estimates_type, stated_error
+   use statistics_estimates, only: estimates_type, stated_error, statistic_type
    use statistics_law, only: law_type
    use statistics_influences, only: view_type
    use statistics_surrogate, only: average_features, fit_type, surrogate_type
@@ -18,15 +18,14 @@ contains
    !> Computes the sensitivities. With u = A'W G, b = (A'W A)^-1 u: Cov(f_j, G) is the sum of u b
    !> over the polynomials of input j. Leaving out a sample changes u as it changes the
    !> coefficients of the features.
-   subroutine find_sensitivity(surrogate, fit, view, law, values, deviation, share, share_error, &
-                               error)
+   subroutine find_sensitivity(surrogate, fit, view, law, values, deviation, share, error)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit                !! of one output
       type(view_type), intent(in) :: view
       type(law_type), intent(in) :: law
       real(wp), intent(in) :: values(:)                !! (point) G
       type(estimates_type), intent(in) :: deviation    !! of the output, by law_deviation
-      real(wp), allocatable, intent(out) :: share(:), share_error(:)   !! (input)
+      type(statistic_type), intent(out) :: share(:)    !! (input) of the variance
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: a(:, :), weighted(:, :), square(:, :), of_rows(:, :)
       real(wp), allocatable :: of_features(:, :), to_u(:, :), to_b(:, :), step(:), functional(:)
@@ -62,19 +61,20 @@ contains
       if (allocated(error)) return
       variance = deviation%value(1)**2
       of_pairs = sqrt(sqrt(deviation%kappa(1)))   ! shares take pairs as they are
-      allocate (share(d), share_error(d), step(size(fit%residual, 1)))
+      allocate (step(size(fit%residual, 1)))
       do j = 1, d
          i = degree*(j - 1)
          associate (u => to_u(i + 1:i + degree, :), b => to_b(i + 1:i + degree, :))
-            share(j) = dot_product(u(:, 1), b(:, 1))/variance
+            share(j)%value = dot_product(u(:, 1), b(:, 1))/variance
             functional = fit%shrink(:, 1)*(matmul(b(:, 1), u(:, 2:)) + matmul(u(:, 1), b(:, 2:)))
          end associate
          do i = 1, size(step)
             step(i) = surrogate%enlargement*fit%residual(i, 1) &
                       *dot_product(surrogate%feature(i, :), functional)/variance &
-                      - 2.0_wp*share(j)*of_pairs*deviation%influence(i, 1)/deviation%value(1)
+                      - 2.0_wp*share(j)%value*of_pairs*deviation%influence(i, 1) &
+                        /deviation%value(1)
          end do
-         share_error(j) = stated_error(step, 0.0_wp, size(step))
+         share(j)%error = stated_error(step, 0.0_wp, size(step))
       end do
    end subroutine find_sensitivity
 

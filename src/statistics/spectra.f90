@@ -8,7 +8,7 @@ module statistics_spectra
    use numerics_sorting, only: sort_order
    use statistics_blend, only: join, state_error
    use statistics_estimates, only: downward_error, estimates_type, inverse_density, plain_mean, &
-                                   plain_percentile, two_sided, upward_error
+                                   plain_percentile, statistic_type, two_sided, upward_error
    use statistics_influences, only: thin_view, view_law, view_type, width_of
    use statistics_kernel_choice, only: learn_kernel
    use statistics_law, only: choose_points, error_of_points, law_type, n_points
@@ -17,23 +17,12 @@ module statistics_spectra
    use statistics_surrogate, only: fit_outputs, fit_type, make_room, predict, surrogate_type
    implicit none(type, external)
    private
-   public :: spectrum_type, estimate_spectrum, last_powerful
+   public :: estimate_spectrum, last_powerful
 
    integer, parameter, public :: together = 128   !! frequencies
    integer, parameter :: choosing = 24        !! frequencies choose the kernel, or a few more
    real(wp), parameter :: share_above = 1.0e-4_wp   !! of the power, left to plain sampling
    real(wp), parameter :: least_density = 1.0e-290_wp   !! its logarithm is finite
-
-   !> Errors are standard errors, low and high the ends of 95 % intervals; ratios are the errors of
-   !> plain sampling over those of the estimates.
-   type :: spectrum_type
-      real(wp), allocatable :: mean(:), mean_error(:), mean_ratio(:)            !! (frequency)
-      real(wp), allocatable :: percentile(:, :), low(:, :), high(:, :)          !! (frequency, p)
-      real(wp), allocatable :: percentile_ratio(:, :)
-      real(wp) :: variance_mean = 0.0_wp, variance_mean_error = 0.0_wp, variance_mean_ratio = 1.0_wp
-      real(wp), allocatable :: variance(:), variance_error(:), variance_ratio(:)   !! (percentile)
-      real(wp) :: ratio = 0.0_wp, ratio_low = 0.0_wp, ratio_high = 0.0_wp, ratio_ratio = 1.0_wp
-   end type spectrum_type
 
    !> An integral over frequency, in the making.
    type :: integral_type
@@ -45,14 +34,17 @@ module statistics_spectra
 contains
 
    !> Estimates the spectra of one dof for every case of a pool, at the first frequencies; those
-   !> above are plain sampling's in the integrals.
-   subroutine estimate_spectrum(pool, density, step, share_below, plain, estimates, error)
+   !> above are plain sampling's in the integrals. A spectrum has the mean and the percentiles, the
+   !> integrals of both are followed by the band ratio.
+   subroutine estimate_spectrum(pool, density, step, share_below, plain, spectra, integrals, error)
       type(pool_type), intent(in) :: pool
       real(wp), intent(in) :: density(:, :)        !! (sample, frequency) up to last_powerful
       real(wp), intent(in) :: step                 !! between frequencies [Hz]
       real(wp), intent(in) :: share_below(:)       !! (percentile)
-      type(spectrum_type), intent(in) :: plain(:)  !! (case) mean, percentiles over all its samples
-      type(spectrum_type), intent(out) :: estimates(:)   !! (case)
+      !> (frequency, statistic, case) values over all samples of the case
+      type(statistic_type), intent(in) :: plain(:, :, :)
+      type(statistic_type), intent(out) :: spectra(:, :, :)   !! (frequency, statistic, case)
+      type(statistic_type), intent(out) :: integrals(:, :)    !! (statistic, case)
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: outputs(:, :), some(:, :)
       !> (point, frequency) of a part: G; exp(G), then influences of points on a percentile
@@ -71,12 +63,12 @@ contains
       do k = 1, size(fits)
          call fit_outputs(surrogate, outputs(:, first_of(k):first_of(k + 1) - 1), fits(k))
       end do
-      do number = 1, size(plain)
+      do number = 1, size(plain, 3)
          call choose_points(pool%draws(number), surrogate%direction, n_points, law, error)
          if (allocated(error)) return
          call view_law(surrogate, law, pool%first(number), pool%first(number + 1) - 1, view)
          call thin_view(surrogate, law, view)
-         call estimate_case(number, estimates(number))
+         call estimate_case(number, spectra(:, :, number), integrals(:, number))
       end do
 
    contains
@@ -88,71 +80,72 @@ contains
          first_of = min(1 + (k - 1)*together, size(outputs, 2) + 1)
       end function first_of
 
-      subroutine estimate_case(number, best)
+      subroutine estimate_case(number, spectrum, integral)
          integer, intent(in) :: number
-         type(spectrum_type), intent(inout) :: best
-         type(integral_type) :: of_mean, of_percentile(size(share_below))
+         type(statistic_type), intent(inout) :: spectrum(:, :)   !! (frequency, statistic)
+         type(statistic_type), intent(inout) :: integral(:)      !! (statistic)
+         type(integral_type) :: sums(size(spectrum, 2))          ! (statistic)
          integer, allocatable :: ranking(:, :)   ! (rank, frequency) the case's samples
          real(wp), allocatable :: width(:, :)    ! (2, frequency) of G
          !> of exp(G) at each point; influences of each point on those of percentiles, and on the
          !> logarithm of the last one's over the first one's
-         real(wp) :: power(size(law%weight), 0:size(share_below) + 1)
-         real(wp) :: of_points(0:size(share_below) + 1), reach(2)
-         integer :: f, k, n, p
+         real(wp) :: power(size(law%weight), size(integral))
+         real(wp) :: of_points(size(integral)), reach(2)
+         integer :: f, first, k, last, n, s
 
-         n = size(outputs, 2)
-         call start(best, n, size(share_below))
-         of_mean%value = step*sum(plain(number)%mean(n + 1:))
-         of_percentile%value = step*sum(plain(number)%percentile(n + 1:, :), 1)
+         sums%value = step*sum(plain(size(outputs, 2) + 1:, :, number)%value, 1)
          call make_room(values, size(law%weight), together)
          call make_room(grown, size(law%weight), together)
          power = 0.0_wp
          do k = 1, size(fits)
-            n = first_of(k + 1) - first_of(k)
+            first = first_of(k)
+            last = first_of(k + 1) - 1
+            n = last - first + 1
             call predict(fits(k), view%rows, values(:, :n))
-            call estimate_means(number, k, n, best, of_mean, power(:, 0))
+            call estimate_means(number, k, spectrum(first:last, 1), sums(1), power(:, 1))
             if (allocated(error)) return
             allocate (ranking(view%last - view%first + 1, n), width(2, n))
             do f = 1, n
                width(:, f) = width_of(view, values(:, f), fits(k)%predicted(:, f))
-               ranking(:, f) = sort_order(outputs(view%first:view%last, first_of(k) + f - 1))
+               ranking(:, f) = sort_order(outputs(view%first:view%last, first + f - 1))
             end do
-            do p = 1, size(share_below)
-               call estimate_percentiles(number, k, p, ranking, width, best, of_percentile(p), &
-                                         power(:, p))
+            do s = 2, size(sums)
+               call estimate_percentiles(number, k, s, ranking, width, spectrum(first:last, s), &
+                                         sums(s), power(:, s))
                if (allocated(error)) return
             end do
             deallocate (ranking, width)
          end do
-         n = size(share_below)
-         power(:, n + 1) = power(:, n)/of_percentile(n)%value - power(:, 1)/of_percentile(1)%value
+         n = size(sums)
+         power(:, n + 1) = power(:, n)/sums(n)%value - power(:, 2)/sums(2)%value
          call error_of_points(law, power, of_points, error)
          if (allocated(error)) return
-         call close_integral(number, of_points(0), of_mean, best%variance_mean, reach, &
-                             best%variance_mean_ratio)
-         best%variance_mean_error = reach(2)
-         do p = 1, size(share_below)   ! the longer side of the logarithm's interval
-            call close_integral(number, of_points(p), of_percentile(p), best%variance(p), reach, &
-                                best%variance_ratio(p))
-            best%variance_error(p) = max(downward_error(best%variance(p), reach(1)), &
-                                         upward_error(best%variance(p), reach(2)))
+         do s = 1, n   ! of percentiles the longer side of the logarithm's interval
+            integral(s)%value = sums(s)%value
+            call state_error(of_points(s), pool%n_samples(number), sums(s)%influence, &
+                             sums(s)%bias, sums(s)%plain_influence, 1.0_wp, integral(s)%error, &
+                             integral(s)%ratio)
+            reach = integral(s)%error*stretch_of(sums(s))
+            integral(s)%error = reach(2)
+            if (s > 1) integral(s)%error = max(downward_error(sums(s)%value, reach(1)), &
+                                               upward_error(sums(s)%value, reach(2)))
          end do
-         call find_ratio(number, of_points(n + 1), of_percentile(1), of_percentile(n), best)
+         call find_ratio(number, of_points(n + 1), sums(2), sums(n), integral(n + 1))
       end subroutine estimate_case
 
-      subroutine estimate_means(number, k, n, best, integral, power)
+      subroutine estimate_means(number, k, best, integral, power)
          integer, intent(in) :: number, k
-         integer, intent(in) :: n   !! frequencies
-         type(spectrum_type), intent(inout) :: best
+         type(statistic_type), intent(inout) :: best(:)      !! (frequency) of part k
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: power(:)   !! (point) of the regression's share
          type(estimates_type) :: ours, theirs, both
-         integer :: first, last, o
+         integer :: first, last, n, o
 
+         n = size(best)
          first = first_of(k)
          last = first_of(k + 1) - 1
          associate (own => density(view%first:view%last, first:last))
-            theirs = among_all(pool, number, plain_mean(own), plain(number)%mean(first:last))
+            theirs = among_all(pool, number, plain_mean(own), plain(first:last, 1, number)%value)
             do o = 1, n
                grown(:, o) = values(:, o)
                call exponentiate(grown(:, o))
@@ -165,36 +158,36 @@ contains
          do o = 1, n
             power = power + (step*(1.0_wp - both%share(o)))*grown(:, o)
          end do
-         best%mean(first:last) = both%value
-         best%mean_error(first:last) = upward_error(both%value, both%stated)
-         best%mean_ratio(first:last) = both%ratio
+         best%value = both%value
+         best%error = upward_error(both%value, both%stated)
+         best%ratio = both%ratio
          allocate (both%stretch(2, n), source=1.0_wp)
-         where (both%stated > 0.0_wp) both%stretch(2, :) = best%mean_error(first:last)/both%stated
+         where (both%stated > 0.0_wp) both%stretch(2, :) = best%error/both%stated
          call add_to(integral, both, theirs, [(step, o=1, n)], [(step, o=1, n)])
          integral%value = integral%value + step*sum(both%value)
       end subroutine estimate_means
 
-      subroutine estimate_percentiles(number, k, p, ranking, width, best, integral, power)
-         integer, intent(in) :: number, k, p, ranking(:, :)
+      subroutine estimate_percentiles(number, k, s, ranking, width, best, integral, power)
+         integer, intent(in) :: number, k, ranking(:, :)
+         integer, intent(in) :: s                            !! statistic
          real(wp), intent(in) :: width(:, :)
-         type(spectrum_type), intent(inout) :: best
+         type(statistic_type), intent(inout) :: best(:)      !! (frequency) of part k
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: power(:)   !! (point) influence of the regression's share
          type(estimates_type) :: ours, theirs, both
          real(wp) :: reach
          integer :: first, last, n, o
 
-         n = size(ranking, 2)
+         n = size(best)
          first = first_of(k)
          last = first_of(k + 1) - 1
-         associate (n_samples => pool%n_samples(number))
+         associate (n_samples => pool%n_samples(number), p => share_below(s - 1))
             associate (own => outputs(view%first:view%last, first:last))
-               theirs = among_all(pool, number, plain_percentile(own, share_below(p), ranking), &
-                                  log(max(plain(number)%percentile(first:last, p), least_density)))
-               call law_percentile(surrogate, fits(k), view, values(:, :n), width, share_below(p), &
-                                   ours)
+               theirs = among_all(pool, number, plain_percentile(own, p, ranking), &
+                                  log(max(plain(first:last, s, number)%value, least_density)))
+               call law_percentile(surrogate, fits(k), view, values(:, :n), width, p, ours)
                do o = 1, n   ! leaving a point out moves a percentile by 1/density
-                  reach = inverse_density(theirs%influence(:, o), n_samples, share_below(p))
+                  reach = inverse_density(theirs%influence(:, o), n_samples, p)
                   grown(:, o) = merge(-reach, 0.0_wp, values(:, o) <= ours%value(o))
                end do
                call join(law, grown(:, :n), n_samples, ours, theirs, &
@@ -202,32 +195,17 @@ contains
                          error)
                if (allocated(error)) return
             end associate
-            do o = 1, n
-               power = power + (step*exp(both%value(o))*(1.0_wp - both%share(o)))*grown(:, o)
-            end do
-            best%percentile(first:last, p) = exp(both%value)
-            best%low(first:last, p) = exp(both%value - two_sided*both%stated*both%stretch(1, :))
-            best%high(first:last, p) = exp(both%value + two_sided*both%stated*both%stretch(2, :))
-            best%percentile_ratio(first:last, p) = both%ratio
          end associate
-         call add_to(integral, both, theirs, step*exp(both%value), step*exp(theirs%value))
-         integral%value = integral%value + step*sum(exp(both%value))
+         do o = 1, n
+            power = power + (step*exp(both%value(o))*(1.0_wp - both%share(o)))*grown(:, o)
+         end do
+         best%value = exp(both%value)
+         best%low = exp(both%value - two_sided*both%stated*both%stretch(1, :))
+         best%high = exp(both%value + two_sided*both%stated*both%stretch(2, :))
+         best%ratio = both%ratio
+         call add_to(integral, both, theirs, step*best%value, step*exp(theirs%value))
+         integral%value = integral%value + step*sum(best%value)
       end subroutine estimate_percentiles
-
-      !> Computes the value of an integral, the errors whose 1.96 its interval reaches down and up,
-      !> and its ratio of errors.
-      pure subroutine close_integral(number, of_points, integral, value, reach, ratio)
-         integer, intent(in) :: number
-         real(wp), intent(in) :: of_points   !! standard error that they leave
-         type(integral_type), intent(in) :: integral
-         real(wp), intent(out) :: value, reach(2), ratio
-         real(wp) :: stated
-
-         value = integral%value
-         call state_error(of_points, pool%n_samples(number), integral%influence, &
-                          integral%bias, integral%plain_influence, 1.0_wp, stated, ratio)
-         reach = stated*stretch_of(integral)
-      end subroutine close_integral
 
       !> Computes the ratio of the last percentile's integral to the first one's; errors are those
       !> of its logarithm.
@@ -235,22 +213,22 @@ contains
          integer, intent(in) :: number
          real(wp), intent(in) :: of_points   !! standard error that they leave
          type(integral_type), intent(in) :: bottom, top
-         type(spectrum_type), intent(inout) :: best
+         type(statistic_type), intent(out) :: best
          real(wp) :: of_plain(size(top%plain_influence)), ends(2), of_bottom, of_top, stated
 
          of_plain = top%plain_influence/top%value - bottom%plain_influence/bottom%value
          call state_error(of_points, pool%n_samples(number), &
                           top%influence/top%value - bottom%influence/bottom%value, &
                           top%bias/top%value - bottom%bias/bottom%value, of_plain, 1.0_wp, stated, &
-                          best%ratio_ratio)
-         best%ratio = top%value/bottom%value
+                          best%ratio)
+         best%value = top%value/bottom%value
          of_top = norm2(top%influence)/top%value
          of_bottom = norm2(bottom%influence)/bottom%value
          ends = stretch_of(bottom)
          ends = (of_top*stretch_of(top) + of_bottom*ends(2:1:-1)) &
                 /max(of_top + of_bottom, tiny(stated))
-         best%ratio_low = best%ratio*exp(-two_sided*stated*ends(1))
-         best%ratio_high = best%ratio*exp(two_sided*stated*ends(2))
+         best%low = best%value*exp(-two_sided*stated*ends(1))
+         best%high = best%value*exp(two_sided*stated*ends(2))
       end subroutine find_ratio
 
    end subroutine estimate_spectrum
@@ -276,18 +254,6 @@ contains
          if (above > share_above*total) exit
       end do
    end function last_powerful
-
-   pure subroutine start(best, n_frequencies, n_percentiles)
-      type(spectrum_type), intent(inout) :: best
-      integer, intent(in) :: n_frequencies, n_percentiles
-
-      allocate (best%mean(n_frequencies), best%mean_error(n_frequencies), &
-                best%mean_ratio(n_frequencies))
-      allocate (best%percentile(n_frequencies, n_percentiles))
-      allocate (best%low, best%high, best%percentile_ratio, mold=best%percentile)
-      allocate (best%variance(n_percentiles), best%variance_error(n_percentiles), &
-                best%variance_ratio(n_percentiles))
-   end subroutine start
 
    !> Adds the estimates at some frequencies to an integral, by its slopes.
    subroutine add_to(integral, both, plain, slope, plain_slope)

@@ -1,7 +1,7 @@
 !> Runs the marches of a tradeoff, a task at a time.
 module tradeoff_marches
    use campaign_plan, only: plan_type
-   use campaign_results, only: block_result
+   use campaign_results, only: block_result, case_statistics
    use campaign_sample, only: stop_query
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -9,8 +9,8 @@ module tradeoff_marches
    use tradeoff_estimators, only: find_gains
    use tradeoff_sample, only: draw_level, level_type, march_level
    use tradeoff_settings, only: setting_type
-   use tradeoff_task_results, only: find_plain_errors, find_published, find_setting_errors, &
-      find_variant
+   use tradeoff_task_results, only: find_plain, find_published, find_setting_errors, find_variant, &
+      plain_errors
    use tradeoff_tasks, only: case_of, choose_march, of_batch, of_samples, of_setting, of_spectrum, &
       of_variant, task_type, tradeoff_type
    use tradeoff_variants, only: remember_alike
@@ -30,6 +30,7 @@ contains
       type(level_type) :: level
       type(setting_type) :: setting
       type(block_result) :: result
+      type(case_statistics) :: statistics   ! plain sampling's
       integer :: n_samples
 
       associate (task => tradeoff%tasks(number), found => tradeoff%found(number))
@@ -46,12 +47,14 @@ contains
          case (of_spectrum, of_batch)
             call find_published(plan, result, found%value)
          case (of_samples)
-            call find_plain_errors(plan, result, found%plain_error)
+            call find_plain(plan, result, statistics)
+            found%plain_error = plain_errors(plan, statistics)
             found%gain = 0.0_wp*found%plain_error + 1.0_wp   ! of plain sampling
             associate (case_number => tradeoff%cases(task%row), scope => tradeoff%scope)
                if (tradeoff%n_cases(case_number) > 0) &
                   call find_gains(plan, scope%models(plan%cases(case_number)%process), &
-                                  level%friction, result, scope%has_settings, found%gain, error)
+                                  level%friction, result, statistics, scope%has_settings, &
+                                  found%gain, error)
             end associate
          case default
             call find_variant(plan, result, found)

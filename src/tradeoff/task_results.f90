@@ -1,17 +1,19 @@
 !> Results of the marches of a tradeoff: each kind of task fills its own components.
 module tradeoff_task_results
    use campaign_bands, only: band_collector, start_bands
+   use campaign_columns, only: column_collector, start_columns
    use campaign_comparison, only: band_ratio_error, compare_slip, compare_spectra, &
       numerical_error, ratio_replicates, slip_error
    use campaign_plan, only: plan_type
    use campaign_results, only: block_result, case_statistics
    use core_kinds, only: wp
-   use numerics_statistics, only: error_of_deviation, standard_deviation
+   use numerics_statistics, only: standard_deviation
+   use statistics_estimates, only: statistic_type
    use tradeoff_sample, only: level_type
    implicit none(type, external)
    private
    public :: task_result
-   public :: find_plain_errors, find_published, find_setting_errors, find_variant
+   public :: find_plain, plain_errors, find_published, find_setting_errors, find_variant
 
    real(wp), parameter :: points = 100.0_wp   !! of percent in a fraction
 
@@ -113,52 +115,66 @@ contains
       end associate
    end subroutine find_published
 
-   !> Finds plain sampling's standard errors for as many samples as were marched, two or more.
-   subroutine find_plain_errors(plan, result, found)
+   !> Finds plain sampling's statistics of the samples that were marched, two or more; numbers are
+   !> their slip fractions.
+   subroutine find_plain(plan, result, statistics)
       type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: result
-      real(wp), allocatable, intent(out) :: found(:, :)   !! (joint or dof, published number)
-      type(case_statistics) :: statistics
+      type(case_statistics), intent(out) :: statistics
       type(band_collector) :: bands
-      integer :: dof, i, joint, p
+      type(column_collector) :: fractions
+      integer :: i, joint
 
-      associate (m => plan%structure%n_joints, n => plan%structure%n_dof)
-         allocate (found(max(m, n), n_published), source=0.0_wp)
-         do joint = 1, m
-            associate (fraction => points*result%slip_fraction(joint, :))
-               found(joint, slip) = standard_deviation(fraction)/sqrt(real(result%n_samples, wp))
-               found(joint, slip_std) = error_of_deviation(fraction)
-            end associate
+      associate (percentiles => plan%output%percentiles, n => plan%structure%n_joints)
+         call start_columns(result%n_samples, n, percentiles, fractions)
+         do joint = 1, n
+            call fractions%add(joint, 1, result%slip_fraction(joint, :))
          end do
+         call fractions%finish(statistics%numbers)
          if (.not. plan%output%spectrum) return
          associate (step => 1.0_wp/(plan%output%segment_length*plan%integration%dt))
-            call start_bands(result%n_samples, n, [(i*step, i=0, size(result%psd, 2) - 1)], &
-                             plan%output%percentiles, plan%seed, 1, bands)
+            call start_bands(result%n_samples, plan%structure%n_dof, &
+                             [(i*step, i=0, size(result%psd, 2) - 1)], percentiles, plan%seed, 1, &
+                             bands)
          end associate
          call bands%add(1, 1, 1, result%psd)
          call bands%finish(statistics)
+      end associate
+   end subroutine find_plain
+
+   !> The standard errors that statistics state for as many samples as they are of.
+   pure function plain_errors(plan, statistics) result(found)
+      type(plan_type), intent(in) :: plan
+      type(case_statistics), intent(in) :: statistics
+      real(wp), allocatable :: found(:, :)   !! (joint or dof, published number)
+      integer :: dof, last, p
+
+      last = size(statistics%numbers, 2)
+      associate (m => plan%structure%n_joints, n => plan%structure%n_dof)
+         allocate (found(max(m, n), n_published), source=0.0_wp)
+         found(:m, slip) = points*statistics%numbers(:, 1)%error
+         found(:m, slip_std) = points*statistics%numbers(:, last)%error
+         if (.not. allocated(statistics%psd)) return
          do dof = 1, n
-            if (minval(statistics%pseudo_variance_percentiles(dof, :)) > 0.0_wp) &
-               found(dof, band_ratio) = log(statistics%band_ratio_high(dof) &
-                                            /statistics%band_ratio(dof))/1.96_wp
-            if (.not. statistics%pseudo_variance_mean(dof) > 0.0_wp) cycle
-            found(dof, psd_mean) = sum(statistics%psd_mean_error(dof, :)) &
-                                   /sum(statistics%psd_mean(dof, :))
-            found(dof, psd_percentiles) = &
-               maxval([(relative_error(statistics%psd_percentiles(dof, :, p), &
-                                       statistics%psd_percentiles_low(dof, :, p), &
-                                       statistics%psd_percentiles_high(dof, :, p)), &
-                        p=1, size(plan%output%percentiles))])
+            associate (psd => statistics%psd(dof, :, :), &
+                       ratio => statistics%pseudo_variances(dof, last))
+               if (minval(statistics%pseudo_variances(dof, 2:last - 1)%value) > 0.0_wp) &
+                  found(dof, band_ratio) = log(ratio%high/ratio%value)/1.96_wp
+               if (.not. statistics%pseudo_variances(dof, 1)%value > 0.0_wp) cycle
+               found(dof, psd_mean) = sum(psd(:, 1)%error)/sum(psd(:, 1)%value)
+               found(dof, psd_percentiles) = maxval([(relative_error(psd(:, p)), p=2, last - 1)])
+            end associate
          end do
       end associate
-   end subroutine find_plain_errors
+   end function plain_errors
 
    !> Relative error of an integral, from 95 % intervals of its integrand; 0 of nothing.
-   pure real(wp) function relative_error(values, low, high)
-      real(wp), intent(in) :: values(:), low(:), high(:)
+   pure real(wp) function relative_error(integrand)
+      type(statistic_type), intent(in) :: integrand(:)
 
       relative_error = 0.0_wp
-      if (sum(values) > 0.0_wp) relative_error = sum(high - low)/(2*1.96_wp*sum(values))
+      if (sum(integrand%value) > 0.0_wp) &
+         relative_error = sum(integrand%high - integrand%low)/(2*1.96_wp*sum(integrand%value))
    end function relative_error
 
    !> Finds slip fractions of all samples, and, where there are spectra, band ratios of all samples

@@ -4,7 +4,7 @@ module io_campaign
    use campaign_comparison, only: compare_slip, compare_spectra, numerical_error
    use campaign_estimates, only: case_estimates
    use campaign_plan, only: add_audits, plan_type
-   use campaign_results, only: block_result, case_statistics, of_slip, spectrum_layout
+   use campaign_results, only: block_result, case_statistics, spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_text, only: to_text
@@ -20,6 +20,7 @@ module io_campaign
    use io_shards, only: list_shards, order_shards, shard_type, stored_samples, write_shard
    use io_store, only: begin_file, discard_file, shard_store
    use process_model, only: process_model_type
+   use statistics_estimates, only: statistic_type
    use structure_chain, only: build_chain
    implicit none(type, external)
    private
@@ -160,14 +161,18 @@ contains
       integer :: d
 
       statistics%n_samples = n_samples
-      statistics%numbers(of_slip)%mean = [(0.1_wp*d, d=1, n_dof)]
-      statistics%numbers(of_slip)%std = 0.1_wp*statistics%numbers(of_slip)%mean
-      statistics%numbers(of_slip)%mean_error = 0.01_wp*statistics%numbers(of_slip)%mean
-      statistics%numbers(of_slip)%std_error = 0.01_wp*statistics%numbers(of_slip)%std
-      statistics%slip_mean_time_error = 0.02_wp*statistics%numbers(of_slip)%mean
-      allocate (statistics%psd_mean(n_dof, n_frequencies), source=1.5_wp)
-      allocate (statistics%psd_percentiles(n_dof, n_frequencies, 2), source=2.5_wp)
-      allocate (statistics%pseudo_variance_percentiles(n_dof, 2), source=3.5_wp)
+      statistics%n_joints = n_dof
+      allocate (statistics%numbers(3*n_dof, 4))   ! mean, percentiles, standard deviation
+      associate (slip => statistics%numbers(:n_dof, :))
+         slip(:, 1)%value = [(0.1_wp*d, d=1, n_dof)]
+         slip(:, 1)%error = 0.01_wp*slip(:, 1)%value
+         slip(:, 4)%value = 0.1_wp*slip(:, 1)%value
+         slip(:, 4)%error = 0.01_wp*slip(:, 4)%value
+         statistics%slip_mean_time_error = 0.02_wp*slip(:, 1)%value
+      end associate
+      allocate (statistics%psd(n_dof, n_frequencies, 3), source=statistic_type(2.5_wp))
+      statistics%psd(:, :, 1)%value = 1.5_wp
+      allocate (statistics%pseudo_variances(n_dof, 4), source=statistic_type(3.5_wp))
    end function made_statistics
 
    function made_model() result(model)

@@ -24,6 +24,7 @@ module io_hdf5_writing
       character(:), allocatable :: long_name
       character(:), allocatable :: axes        !! 'sample dof': as Python sees them; '' for a scalar
       integer, allocatable :: chunk(:)         !! Fortran's order; unallocated: chosen
+      integer, allocatable :: extents(:)       !! the same; unallocated: the shape of the values
       !> 'integer' or 'long' where the file has whole numbers, of 4 or 8 bytes
       character(8) :: kind = 'real'
    end type label_type
@@ -38,10 +39,13 @@ contains
       real(wp), intent(in), target, contiguous :: values(..)
       type(label_type), intent(in) :: label
       type(error_type), allocatable, intent(out) :: error
+      integer(long), allocatable :: extents(:)
 
-      call make_dataset(file, path, extents_of(values), label, error)
-      if (.not. allocated(error)) call move(file, path, spread(1, 1, rank(values)), &
-                                            extents_of(values), c_loc(values), .true., error)
+      extents = extents_of(values)
+      if (allocated(label%extents)) extents = label%extents
+      call make_dataset(file, path, extents, label, error)
+      if (.not. allocated(error)) call move(file, path, spread(1, 1, size(extents)), extents, &
+                                            c_loc(values), .true., error)
    end subroutine write_dataset
 
    !> Creates a dataset with its label, without values, which move_part fills: a scalar in the
