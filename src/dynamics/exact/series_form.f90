@@ -196,12 +196,12 @@ contains
       real(wp) :: crossing(width, size(self%series%row))
       integer :: finish(0:1), l, round
 
+      is_on_way = self%paths%is_involved
       if (self%keeps_ledger) &   ! of the others, by the regimes at the start
-         call count_works(self, spread(1.0_wp, 1, width), .not. self%paths%is_involved)
+         call count_works(self, spread(1.0_wp, 1, width), (.not. is_on_way))
       self%has_works = self%keeps_ledger
       finish = self%paths%finish
       self%paths%finish = self%paths%spare
-      is_on_way = self%paths%is_involved
       has_stuck = .false.
       now = 0.0_wp
       do round = 0, self%max_transitions
