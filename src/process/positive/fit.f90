@@ -254,28 +254,22 @@ contains
       type(process_model_type) :: before
       type(shape_spread) :: spread
       type(sequence_solution) :: solution
-      type(sampled_objective) :: sharper
       integer :: pass
-      logical :: is_short
+      logical :: is_sharper, is_short
 
       before = model
       do pass = 1, 2
          call refine(law, difference, spread, is_short)
-         if (pass == 1 .and. .not. is_short) then
-            sharper = law
-            call sharpen(sharper)
-            if (sharper%found%is_converged) then
-               law = sharper
-               cycle
-            end if
-         end if
+         is_sharper = .false.
+         if (pass == 1 .and. .not. is_short) call sharpen(law, is_sharper)
+         if (is_sharper) cycle
          call match_targets(law, request%fit_steps, error)
          if (.not. allocated(error)) call describe_sampled(law, spread, model, error)
          if (.not. allocated(error)) exit
          model = before
-         if (.not. law%found%is_converged .or. pass == 2) return
-         call sharpen(law)
-         if (.not. law%found%is_converged) return
+         if (pass == 2) return
+         call sharpen(law, is_sharper)
+         if (.not. is_sharper) return
       end do
       if (allocated(law%last%a)) call compare_laws(law, model)
       model%optimality = law%found%residual
@@ -316,7 +310,6 @@ contains
       call raise(error, exit_no_solution, law%problem%name// &
                  ': the solution meets the targets on few simulated values, not on '// &
                  to_text(law%n_steps)//' in each batch')
-
    end subroutine match_targets
 
 end module process_positive_fit

@@ -164,21 +164,25 @@ contains
       end associate
    end function pulls_of
 
-   !> Finds the maximum on more simulated values than before, with the signs that K(m) have there.
-   subroutine sharpen(law)
+   !> Finds the maximum on more simulated values than before, with the signs that K(m) have there;
+   !> where none is found the law stays.
+   subroutine sharpen(law, is_sharper)
       type(sampled_objective), intent(inout) :: law
+      logical, intent(out) :: is_sharper
       integer, parameter :: sharp_steps = 2048      ! of a batch
       real(wp), parameter :: allowance = 2.0e9_wp   ! see `most_effort`
-      real(wp) :: bound
+      type(sampled_objective) :: before
 
-      bound = law%most_effort
+      before = law
       law%most_effort = law%effort + allowance
       law%n_steps = sharp_steps
       call law%keep_lags()
       call law%settle()
       call find_maximum(law)
       if (law%found%is_converged) call adopt_signs(law)
-      law%most_effort = bound
+      law%most_effort = before%most_effort
+      is_sharper = law%found%is_converged
+      if (.not. is_sharper) law = before
    end subroutine sharpen
 
    !> True if hardly anything is left of K(m) at the last lags.
