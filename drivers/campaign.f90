@@ -5,7 +5,6 @@ module driver_campaign
    use config_plan, only: build_plan
    use config_scene, only: complaint_list, read_scene, scene_type
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
-   use core_kinds, only: wp
    use core_terminal, only: say
    use core_text, only: to_text
    use driver_command_line, only: command_line
@@ -19,11 +18,10 @@ module driver_campaign
 contains
 
    !> Reads the scene and the force file it names; all that is wrong with them becomes one error.
-   subroutine load_plan(line, scene, plan, force, error)
+   subroutine load_plan(line, scene, plan, error)
       type(command_line), intent(in) :: line
-      type(scene_type), intent(out) :: scene
+      type(scene_type), intent(out) :: scene   !! with its force, of size 0 where it is no file's
       type(plan_type), intent(out) :: plan
-      real(wp), allocatable, intent(out) :: force(:, :)   !! (0:n_steps, 1 or sample) [N], or empty
       type(error_type), allocatable, intent(out) :: error
       type(complaint_list) :: complaints
 
@@ -32,7 +30,6 @@ contains
       if (complaints%n == 0) call build_plan(scene, plan, complaints)
       if (complaints%n > 0) call raise(error, exit_bad_input, complaints%text)
       if (.not. allocated(scene%force)) allocate (scene%force(0:0, 0))
-      call move_alloc(scene%force, force)
    end subroutine load_plan
 
    !> Reads the records of an HDF5 file and checks them as those of a text file.

@@ -40,21 +40,21 @@ contains
       type(process_model_type), allocatable :: models(:)
       type(cost_type) :: cost
       character(:), allocatable :: choice, need
-      real(wp), allocatable :: force(:, :), unused(:, :)
+      real(wp), allocatable :: unused(:, :)
       type(error_type), allocatable :: error, oversize
       integer :: every
 
       call start_world(world)
-      call load_plan(line, scene, plan, force, error)
+      call load_plan(line, scene, plan, error)
       call world%stop_on(error)
-      call keep_targets(world, force, scene, plan, choice)
+      call keep_targets(world, scene, plan, choice)
       every = 1
       if (plan%has_structure .and. world%is_root()) then
-         if (plan%output%spectrum) call choose_every(plan, force, every, unused, error)
-         if (.not. allocated(error)) call measure_cost(plan, force, every, cost, error)
+         if (plan%output%spectrum) call choose_every(plan, scene%force, every, unused, error)
+         if (.not. allocated(error)) call measure_cost(plan, scene%force, every, cost, error)
       end if
       call world%stop_on(error)
-      call foresee_need(world, plan, force, cost%nanoseconds, need)
+      call foresee_need(world, plan, scene%force, cost%nanoseconds, need)
       if (world%is_root()) then
          call foresee_processes(plan, models)
          if (.not. line%is_quiet) then

@@ -5,7 +5,6 @@ module driver_replay
    use campaign_size, only: refuse_oversize
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, raise
-   use core_kinds, only: wp
    use core_text, only: counted, shell_word, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_trial_runs, only: keep_targets
@@ -35,19 +34,18 @@ contains
       type(runner_type) :: runner
       type(process_model_type), allocatable :: models(:)
       character(:), allocatable :: choice
-      real(wp), allocatable :: force(:, :)
       type(error_type), allocatable :: error
 
       call start_watch()
       call start_world(world)
-      call load_plan(line, scene, plan, force, error)
+      call load_plan(line, scene, plan, error)
       if (.not. allocated(error)) call check_choice(line, plan, error)
       if (.not. allocated(error)) call refuse_oversize(plan, error)
       call world%stop_on(error)
-      call keep_targets(world, force, scene, plan, choice)
+      call keep_targets(world, scene, plan, choice)
       call open_anew(world, line, scene, ending_of(line), output)
       call keep_everything(plan)
-      call prepare_march(world, plan, force, runner, error)
+      call prepare_march(world, plan, scene%force, runner, error)
       call output%stop_on(error)
       call solve_processes(world, plan, output%is_quiet, models, &
                            only=plan%cases(line%case_number)%process)

@@ -42,17 +42,16 @@ contains
       type(runner_type) :: runner
       type(process_model_type), allocatable :: models(:)
       character(:), allocatable :: choice
-      real(wp), allocatable :: force(:, :)
       type(error_type), allocatable :: error, ignored
 
       call start_watch()
       call start_world(world)
-      call load_plan(line, scene, plan, force, error)
+      call load_plan(line, scene, plan, error)
       if (.not. allocated(error)) call check_share(line, plan, error)
       if (.not. allocated(error)) call refuse_oversize(plan, error)
       call world%stop_on(error)
       call set_limit(plan%walltime)
-      call keep_targets(world, force, scene, plan, choice)
+      call keep_targets(world, scene, plan, choice)
       call add_audits(plan)
       call open_output(world, line, scene, plan, output)
       if (output%is_complete) then
@@ -75,7 +74,7 @@ contains
       call output%stop_on(error)
       call tell_solutions(models, output)
       if (plan%has_structure) then
-         call prepare_march(world, plan, force, runner, error)
+         call prepare_march(world, plan, scene%force, runner, error)
          call output%stop_on(error)
          call march_until_met(models, runner, output)
          plan = runner%plan
@@ -160,7 +159,6 @@ contains
       if (world%is_root() .and. .not. allocated(error)) &
          call choose_every(plan, force, every, runner%folded_share, error)
       call world%broadcast(every)
-      if (.not. allocated(runner%folded_share)) allocate (runner%folded_share(0, 0))
       call world%broadcast(runner%folded_share)
       if (.not. allocated(error)) call runner%use_every(every)
    end subroutine prepare_march

@@ -44,13 +44,12 @@ contains
       type(tradeoff_findings) :: found
       type(process_model_type), allocatable :: models(:)
       type(output_type) :: output
-      real(wp), allocatable :: force(:, :)
       type(error_type), allocatable :: error
       logical :: is_stopped
 
       call start_watch()
       call start_world(world)
-      call load_plan(line, scene, plan, force, error)
+      call load_plan(line, scene, plan, error)
       if (.not. allocated(error) .and. plan%output%harmonic) &
          call raise(error, exit_bad_input, 'entroslip tradeoff needs noise or a force file: '// &
                     "excitation%kind = 'sine' has no spectra to compare")
@@ -62,7 +61,8 @@ contains
       call output%stop_on(error)
       is_stopped = world%any_true(time_to_stop())
       if (plan%has_structure .and. .not. is_stopped) &
-         call measure_march(world, plan, force, models, output%is_quiet, found, is_stopped, error)
+         call measure_march(world, plan, scene%force, models, output%is_quiet, found, is_stopped, &
+                            error)
       call output%stop_on(error)
       if (world%is_root() .and. .not. is_stopped) then
          call compare_orders(plan, found%orders)

@@ -111,9 +111,8 @@ contains
 
    !> Replaces the scene's setting where the scene has a target of numerical error; ends the run
    !> where none keeps it, or where it is asked to stop. Collective.
-   subroutine keep_targets(world, force, scene, plan, choice)
+   subroutine keep_targets(world, scene, plan, choice)
       type(world_type), intent(in) :: world
-      real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
       type(scene_type), intent(inout) :: scene
       type(plan_type), intent(inout) :: plan
       character(:), allocatable, intent(out) :: choice   !! and why; '' without target
@@ -127,8 +126,8 @@ contains
       associate (points => plan%accuracy%target_slip_points, &
                  ratio => plan%accuracy%target_band_ratio)
          if (.not. (plan%has_structure .and. max(points, ratio) > 0.0_wp)) return
-         call measure_settings(world, plan, force, scope_type(budget=budget), .true., measured, &
-                               is_stopped, error)
+         call measure_settings(world, plan, scene%force, scope_type(budget=budget), .true., &
+                               measured, is_stopped, error)
          call world%stop_on(error)
          if (is_stopped) call stop_world(exit_stopped)
          rows = rows_of(measured)
