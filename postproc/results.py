@@ -161,6 +161,10 @@ class Case:
         """True if the scene asked for all of these."""
         return all(name in self.data for name in names)
 
+    def has_power(self, spectra: str) -> bool:
+        """True if the scene asked for these spectra and something moves."""
+        return self.has(spectra) and bool((self.data[spectra] > 0.0).any())
+
 
 @dataclass(frozen=True, repr=False)
 class Results:

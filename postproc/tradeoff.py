@@ -42,16 +42,17 @@ def figures_of(results: Results, processes: Mapping[str, xr.Dataset]) -> Iterato
     if data is None:
         return
     shown = [name for name in _ERRORS if float(data[name].max()) > 0.0]
-    yield Figure(
-        "tradeoff", "Error and cost of the settings",
-        "Numerical error, the largest over cases and joints, against the event method at"
-        f" tolerance 1e-12 on the same samples ({int(data.attrs['n_steps'])} steps); processor time"
-        " of one step of one sample. Points of a line differ in halvings or tolerance; bars are"
-        " standard errors. The ring is the scene's own setting; nothing lies below and left of the"
-        " grey line.",
-        SECTIONS[-1],
-        tuple(partial(plot_error_over_cost, data=data, error=name) for name in shown),
-    )  # fmt: skip
+    if shown:
+        yield Figure(
+            "tradeoff", "Error and cost of the settings",
+            "Numerical error, the largest over cases and joints, against the event method at"
+            f" tolerance 1e-12 on the same samples ({int(data.attrs['n_steps'])} steps); processor"
+            " time of one step of one sample. Points of a line differ in halvings or tolerance;"
+            " bars are standard errors. The ring is the scene's own setting; nothing lies below and"
+            " left of the grey line.",
+            SECTIONS[-1],
+            tuple(partial(plot_error_over_cost, data=data, error=name) for name in shown),
+        )  # fmt: skip
     changes = _group(results, "variants")
     if changes is None:
         return

@@ -70,7 +70,7 @@ def of_chain(results: Results) -> Iterator[Figure]:
 def of_certain_friction(results: Results) -> Iterator[Figure]:
     """Fig. 8, or the figures of a sweep of the level of the force."""
     cases = [case for case in results.deterministic if not case.is_sine]
-    spectra = [case for case in cases if case.has("psd")]
+    spectra = [case for case in cases if case.has_power("psd")]
     if len(cases) > _MOST_SPECTRA:
         yield Figure(
             "sweep", "From stuck to slipping",
@@ -119,7 +119,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             _STUDY, (partial(study_figures.plot_slip_scatter, cases=cases, is_paper=is_paper),),
             ("1a", "1b", "2a", "2b"),
         )  # fmt: skip
-    banded = [case for case in random if case.has("psd_mean", "psd_percentiles")]
+    banded = [case for case in random if case.has("psd_percentiles") and case.has_power("psd_mean")]
     for letter, (cases, dof) in _lettered(
         _band_panels(banded, None if is_paper else _forced(results))
     ):
@@ -173,7 +173,7 @@ def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
                 _STUDY,
                 (partial(study_figures.plot_along, cases=own, quantity=quantity),),
             )  # fmt: skip
-    spectra = [case for case in cases if case.has("psd_mean") and case.n_dof > 1]
+    spectra = [case for case in cases if case.n_dof > 1 and case.has_power("psd_mean")]
     if spectra and not spectra[0].data["psd_mean"].isnull().any():
         case = max(spectra, key=lambda case: case.strength)
         yield Figure(
@@ -190,7 +190,7 @@ def of_responses(results: Results) -> Iterator[Figure]:
         name = (
             f"{results.title}, case {case.name[1:].lstrip('0')}, {study_figures.level_name(case)}"
         )
-        if case.has("psd") and case.n_samples == 1 and not case.is_deterministic:
+        if case.n_samples == 1 and not case.is_deterministic and case.has_power("psd"):
             yield Figure(
                 f"spectra_{case.name}", f"Spectra of one sample, {name}",
                 f"Power spectral densities of the displacements. {_welch(case)}",

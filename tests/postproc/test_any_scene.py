@@ -110,6 +110,21 @@ def test_a_scene_of_input_is_drawn(results_of_scene, tmp_path, scene):
     assert any(tmp_path.glob("*.png"))
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning", "error::UserWarning")
+def test_a_structure_at_rest_is_drawn(results_of_scene, tmp_path):
+    """Under a force of zeros no spectrum has power, and no setting an error."""
+    (tmp_path / "force.txt").write_text("0\n" * 1001)
+    text = PROCESS + "&chain n_dof = 2 /\n" + CAMPAIGN + "&output segment_length = 256 /\n"
+    text += f"&excitation kind = 'file' file = '{tmp_path}/force.txt' /\n"
+    text += "&integration method = 'event' n_steps = 0 /\n"
+    for command in ("run", "tradeoff"):
+        out = tmp_path / command
+        assert main([str(results_of_scene(text, command)), "--out", str(out)]) == 0
+        assert (out / "report.html").exists()
+    assert not (tmp_path / "run" / "along_spectra.png").exists()
+    assert not (tmp_path / "tradeoff" / "tradeoff.png").exists()
+
+
 @pytest.fixture(scope="module")
 def replayed(results_of_scene):
     text = PROCESS + "&chain /\n" + FORCE + SHORT + CAMPAIGN + "&output segment_length = 256 /\n"
