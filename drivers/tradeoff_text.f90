@@ -378,7 +378,7 @@ contains
       text = ''
       do i = 1, size(models)
          associate (m => models(i))
-            if (.not. (m%request%positive .and. m%is_solved)) cycle
+            if (.not. (m%request%positive .and. m%is_solved .and. m%l0_error > 0.0_wp)) cycle
             text = text//padded(numbered('p', i), 10)// &
                    padded(brief(100*m%mean_error/m%mean), 11)// &
                    padded(brief(100*m%std_error/m%std), 11)// &

@@ -133,6 +133,16 @@ def test_processes_alone_have_orders(entroslip, tmp_path):
         assert abs(orders["other_length"][1] - 1.4330127) < 1e-6
 
 
+def test_errors_of_fits_are_of_simulated_ones(entroslip, tmp_path):
+    """Independent and equal values need no simulation, and the L0 of the former is zero."""
+    scene = tmp_path / "alone.nml"
+    scene.write_text("&process correlation_length = 0, 1, 1e12 order = 2 mean = 0.2 std = 0.05 /\n")
+    done = entroslip("tradeoff", scene)
+    assert done.returncode == 0, done.stderr
+    fits = done.stdout.split("standard errors\n")[1].splitlines()[:-1]
+    assert [line.split()[0] for line in fits] == ["p002"]
+
+
 def test_a_tradeoff_that_is_stopped_says_that_nothing_is_kept(entroslip, small_scene, tmp_path):
     done = entroslip("tradeoff", small_scene, *FEW_STEPS, "--set", "campaign%walltime=1e-6")
     assert done.returncode == 75, done.stderr
