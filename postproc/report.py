@@ -91,7 +91,7 @@ def _facts(results: Results) -> str:
         samples = sum(case.n_samples for case in results.cases)
         facts.append(_counted(len(results.cases), "case", "cases"))
         facts.append(_counted(samples, "sample", "samples"))
-    if results.tradeoff is not None:
+    if results.tradeoff is not None and "setting" in results.tradeoff.sizes:
         facts.append(
             _counted(results.tradeoff.sizes["setting"], "setting", "settings") + " compared"
         )

@@ -9,13 +9,14 @@ from .results import Case, ResultsError
 
 
 def history(case: Case, sample: int = 0) -> xr.Dataset:
-    """Displacement and velocity of a sample (time, dof), with `time` [s] as coordinate."""
+    """Displacement and velocity of a sample (time, kept dof), with `time` [s] as coordinate."""
     if not case.has("displacement", "velocity", "time"):
         raise ResultsError(
             f"{case.name}: has no history: replay the sample, or ask for it by"
             " output%quantities = 'history'"
         )
-    return case.data[["displacement", "velocity"]].isel(sample=sample, drop=True)
+    of_sample = case.data[["displacement", "velocity"]].isel(sample=sample, drop=True)
+    return of_sample.sel(dof=case.kept_dofs)
 
 
 def velocity_psd(case: Case) -> xr.DataArray:

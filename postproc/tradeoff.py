@@ -146,7 +146,16 @@ def _mark_front(axes: Axes, cost: np.ndarray, values: np.ndarray) -> None:
 
 
 def tables_of(results: Results) -> Iterator[Table]:
-    """The front with the scene's own setting, and what the error is made of now."""
+    """Orders of processes, the front with the scene's own setting, and parts of the error now."""
+    orders = None if results.tradeoff is None else _group(results, "orders")
+    if orders is not None:
+        yield Table(
+            "tradeoff_entropy", "What orders lose of the entropy",
+            ("process", "order", "entropy lost", "other length", "fit [ms of a processor]", ""),
+            [_order_row(orders.isel(row=i)) for i in range(orders.sizes["row"])],
+            "Entropy in nats per point below that of white noise, without a positivity constraint;"
+            " the other length is the one that is not imposed.",
+        )  # fmt: skip
     data = _settings(results)
     if data is None:
         return
@@ -201,6 +210,17 @@ def _size_row(size: xr.Dataset) -> tuple[str, ...]:
         str(int(size["n_samples"])), f"{float(size['n_steps']):.0f}",
         f"{float(size['slip_mean']):.3g}", f"{float(size['slip_std']):.3g}",
         f"{100 * float(size['band_ratio']):.3g}", f"{float(size['seconds']):.3g}",
+    )  # fmt: skip
+
+
+def _order_row(row: xr.Dataset) -> tuple[str, ...]:
+    imposed, other = ("L1", "L0") if int(row["imposes_l1"]) == 1 else ("L0", "L1")
+    method = "direct" if int(row["is_direct"]) == 1 else "autoregressive"
+    return (
+        f"{method}, {imposed} = {float(row['correlation_length']):g}", str(int(row["order"])),
+        f"{float(row['entropy_lost']):.3g}", f"{other} = {float(row['other_length']):.3g}",
+        f"{float(row['milliseconds']):.2g}",
+        "the scene's own" if int(row["is_own"]) == 1 else "",
     )  # fmt: skip
 
 

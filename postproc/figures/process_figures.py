@@ -158,11 +158,12 @@ def plot_positive_difference(axes: Axes, processes: Sequence[xr.Dataset]) -> Non
 def plot_realizations(axes: Axes, process: xr.Dataset) -> None:
     """A few realizations of a process, point by point."""
     drawn = process["realizations"].isel(realization=slice(0, MOST_REALIZATIONS))
+    marker = "none" if drawn.shape[1] > 1 else "o"
     for rank, curve in enumerate(drawn):
-        look = style.of_rank(rank, len(drawn)) | {"marker": "none", "linewidth": 1.0}
+        look = style.of_rank(rank, len(drawn)) | {"marker": marker, "linewidth": 1.0}
         axes.plot(np.arange(1, curve.size + 1), curve, **look)
     axes.axhline(float(process.attrs["mean"]), color="0.3", linewidth=0.9, label="mean")
-    axes.set(xlabel="point", ylabel="value", xlim=(1, drawn.shape[1]))
+    axes.set(xlabel="point", ylabel="value", xlim=(1, max(2, drawn.shape[1])))
     axes.legend()
 
 

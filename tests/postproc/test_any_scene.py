@@ -30,6 +30,11 @@ SCENES = {
         "&process correlation_length = 1.0 order = 3 mean = 1.0 std = 0.2 n_realizations = 2 /\n",
         {"positive", "realizations_p001"},
     ),
+    "a realization of one point": (
+        "&process correlation_length = 0.0 mean = 1.0 std = 0.2 n_points = 1"
+        " n_realizations = 2 /\n",
+        {"realizations_p001"},
+    ),
     "one sample": (
         PROCESS + "&chain /\n" + FORCE + SHORT + "&campaign n_samples = 1 /\n"
         "&output segment_length = 256 /\n",

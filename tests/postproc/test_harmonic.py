@@ -118,6 +118,13 @@ def test_loops_enclose_the_work_of_the_joint(replayed):
         assert work == pytest.approx(dissipation + stored, rel=1e-3)
 
 
+def test_histories_are_of_the_dofs_that_are_kept(results_of_scene):
+    path = results_of_scene(HISTORY.replace("&output", "&output dofs = 1, 3"))
+    table = history(open_results(path).cases[0])
+    assert table["dof"].values.tolist() == [1, 3]
+    assert np.isfinite(table["displacement"].values).all()
+
+
 def test_histories_have_time(replayed, sines, tmp_path):
     table = history(replayed.cases[0])
     assert table["time"].values[-1] == pytest.approx(6000 * 0.00843)

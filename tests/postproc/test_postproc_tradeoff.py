@@ -43,6 +43,18 @@ def test_a_tradeoff_is_drawn(tradeoff_file):
     assert "Error and cost" in (folder / "report.html").read_text()
 
 
+def test_a_tradeoff_of_processes_alone_has_a_report(results_of_scene, tmp_path):
+    path = results_of_scene(
+        "&process correlation_length = 1.0 order = 2 mean = 0.2 std = 0.05 /\n", "tradeoff"
+    )
+    assert main([str(path), "--out", str(tmp_path)]) == 0
+    assert "What orders lose of the entropy" in (tmp_path / "report.html").read_text()
+    with (tmp_path / "tradeoff_entropy.csv").open() as file:
+        own = [row for row in csv.DictReader(file) if row[""] == "the scene's own"]
+    # closed form: AR(2) with L0 = 1 has L1 = 1.4330127
+    assert [(row["order"], row["other length"]) for row in own] == [("2", "L1 = 1.43")]
+
+
 def test_other_files_have_none(results_file):
     results = open_results(results_file)
     assert not list(tradeoff.figures_of(results, {}))
