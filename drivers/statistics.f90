@@ -275,7 +275,10 @@ contains
 
       statistics%n_samples = plan%cases(self%number)%n_samples
       statistics%n_joints = plan%structure%n_joints
-      call self%numbers%finish(statistics%numbers)
+      associate (n => size(self%numbers%at, 1), last => self%numbers%n_percentiles + 2)
+         allocate (statistics%numbers(n, last))
+         call self%numbers%finish(statistics%numbers(:, :last - 1), statistics%numbers(:, last))
+      end associate
       associate (slip => statistics%numbers(:statistics%n_joints, :))
          slip%high = min(slip%high, 1.0_wp)   ! an end beyond the samples knows no fraction
       end associate

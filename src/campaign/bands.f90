@@ -170,16 +170,13 @@ contains
    pure subroutine finish(self, statistics)
       class(band_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics
-      type(statistic_type), allocatable :: densities(:, :)   ! (density, statistic)
-      real(wp), allocatable :: freedoms(:)
       integer :: dof, f
 
-      call self%columns%finish(densities, freedoms)
       associate (n_dof => self%n_dof, nf => self%n_frequencies, &
                  np => self%columns%n_percentiles)
-         statistics%psd = reshape(densities(:, :np + 1), [n_dof, nf, np + 1])
-         statistics%psd_mean_freedoms = reshape(freedoms, [n_dof, nf])
-         allocate (statistics%pseudo_variances(n_dof, np + 2))
+         allocate (statistics%psd(n_dof, nf, np + 1), statistics%psd_mean_freedoms(n_dof, nf), &
+                   statistics%pseudo_variances(n_dof, np + 2))
+         call self%columns%finish(statistics%psd, freedoms=statistics%psd_mean_freedoms)
          associate (integrals => statistics%pseudo_variances(:, :np + 1))
             do f = 1, nf
                integrals%value = integrals%value + self%step*statistics%psd(:, f, :)%value

@@ -178,28 +178,26 @@ contains
 
    !> Computes the statistics, once all groups are added and the percentiles of all samples
    !> selected.
-   pure subroutine finish(self, statistics, freedoms)
+   pure subroutine finish(self, statistics, deviations, freedoms)
       class(column_collector), intent(in) :: self
-      !> (column, statistic) mean, percentiles, standard deviation
-      type(statistic_type), allocatable, intent(out) :: statistics(:, :)
-      real(wp), allocatable, intent(out), optional :: freedoms(:)   !! (column) of the mean
+      !> (column, statistic) mean and percentiles
+      type(statistic_type), intent(out) :: statistics(size(self%at, 1), self%n_percentiles + 1)
+      type(statistic_type), intent(out), optional :: deviations(size(self%at, 1))   !! standard
+      real(wp), intent(out), optional :: freedoms(size(self%at, 1))   !! Student's, of the mean
       real(wp) :: sums(n_sums)
-      integer :: column, group, last
+      integer :: column, group
 
-      last = self%n_percentiles + 2
-      allocate (statistics(size(self%at, 1), last))
-      if (present(freedoms)) allocate (freedoms(size(self%at, 1)))
       do column = 1, size(statistics, 1)
          sums = self%sums(:, column, 1)
          do group = 2, self%n_groups
             sums = joined_sums(sums, self%sums(:, column, group))
          end do
          statistics(column, 1) = statistic_type(sums(2), mean_error_of_sums(sums))
-         statistics(column, last) = statistic_type(deviation_of_sums(sums), &
-                                                   deviation_error_of_sums(sums))
+         if (present(deviations)) deviations(column) = &
+            statistic_type(deviation_of_sums(sums), deviation_error_of_sums(sums))
          if (present(freedoms)) freedoms(column) = freedoms_of_sums(sums)
       end do
-      associate (percentiles => statistics(:, 2:last - 1))
+      associate (percentiles => statistics(:, 2:))
          percentiles%value = self%at(:, :, middle)
          percentiles%low = self%at(:, :, low)
          percentiles%high = self%at(:, :, high)

@@ -269,8 +269,8 @@ contains
       if (.not. plan%output%spectrum .or. n_group < 2) return
       associate (n_kept => size(kept_dofs(plan)), n_percentiles => size(plan%output%percentiles))
          together = frequencies_together(n_kept, n_frequencies(plan, every))
-         bytes = bytes + word*n_kept*n_frequencies(plan, every)*(6*n_percentiles + n_sums*n_groups &
-                                                                 + 3*(1 + n_percentiles)) &
+         bytes = bytes + word*n_kept*n_frequencies(plan, every)*(3*n_percentiles + n_sums*n_groups &
+                                                                 + 10*(1 + n_percentiles)) &
                  + at_once*word*n_kept*parts*(n_percentiles*n_replicates + min(n_group, 512)) &
                  + word*n_group*n_kept*(together + min(n_powers(plan, every), 2*n_batches)) &
                  + 4.0_wp*n_group*n_replicates
@@ -311,7 +311,7 @@ contains
       end do
       associate (np => size(plan%output%percentiles))
          if (size(pools) > 0) bytes = bytes + word*nf*size(kept_dofs(plan))*size(plan%cases) &
-                                      *(8 + 11*np)
+                                      *(10 + 10*np)
       end associate
    end function memory_of_regression
 

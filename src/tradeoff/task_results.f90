@@ -123,14 +123,16 @@ contains
       type(case_statistics), intent(out) :: statistics
       type(band_collector) :: bands
       type(column_collector) :: fractions
-      integer :: i, joint
+      integer :: i, joint, last
 
       associate (percentiles => plan%output%percentiles, n => plan%structure%n_joints)
          call start_columns(result%n_samples, n, percentiles, fractions)
          do joint = 1, n
             call fractions%add(joint, 1, result%slip_fraction(joint, :))
          end do
-         call fractions%finish(statistics%numbers)
+         last = size(percentiles) + 2
+         allocate (statistics%numbers(n, last))
+         call fractions%finish(statistics%numbers(:, :last - 1), statistics%numbers(:, last))
          if (.not. plan%output%spectrum) return
          associate (step => 1.0_wp/(plan%output%segment_length*plan%integration%dt))
             call start_bands(result%n_samples, plan%structure%n_dof, &
