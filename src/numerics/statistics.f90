@@ -3,7 +3,7 @@ module numerics_statistics
    use core_kinds, only: wp
    implicit none(type, external)
    private
-   public :: mean, standard_deviation, error_of_mean, error_of_deviation
+   public :: mean, standard_deviation, error_of_mean
    public :: n_sums, sums_of, joined_sums, deviation_of_sums, mean_error_of_sums, &
              deviation_error_of_sums, freedoms_of_sums
 
@@ -34,14 +34,6 @@ contains
 
       error = standard_deviation(values)/sqrt(real(size(values), wp))
    end function error_of_mean
-
-   !> Standard error of the standard deviation; needs two values.
-   pure function error_of_deviation(values) result(error)
-      real(wp), intent(in) :: values(:)
-      real(wp) :: error
-
-      error = deviation_error_of_sums(sums_of(values))
-   end function error_of_deviation
 
    !> Number of values, their mean, and sums of deviations from it to the powers 2 to 4.
    pure function sums_of(values) result(sums)
