@@ -8,16 +8,13 @@ module dynamics_exact_modal_answers
    use core_kinds, only: wp
    use dynamics_alignment, only: lanes => register_width
    use dynamics_exact_modal_terms, only: n_markov, path_degree
+   use dynamics_exact_transitions, only: fall, last_integral
    implicit none(type, external)
    private
-   public :: find_answers, last_integral
+   public :: find_answers
 
-   integer, parameter :: last_integral = lanes - 1   !! of a motion, that counts
-   integer, private :: k_, s_   ! of the constructor that follows
-   !> k!/(k + s)!
-   real(wp), parameter :: fall(0:last_integral, path_degree) = reshape( &
-                          [((gamma(k_ + 1.0_wp)/gamma(k_ + s_ + 1.0_wp), s_=0, last_integral), &
-                            k_=1, path_degree)], [last_integral + 1, path_degree])
+   !> k!/(k + s)!, s first
+   real(wp), parameter :: share_of(0:last_integral, path_degree) = transpose(fall(:path_degree, :))
 
 contains
 
@@ -46,7 +43,7 @@ contains
       do k = 1, path_degree
          share = share*left
          do s = 0, last_integral
-            total(s) = total(s) + share*path(k)*fall(s, k)
+            total(s) = total(s) + share*path(k)*share_of(s, k)
          end do
       end do
       part(:last_integral, 1, 0) = power*total

@@ -15,15 +15,16 @@ module dynamics_exact_transitions
    implicit none(type, external)
    private
    public :: transition_group, examine, find_next, take_answer, take_suspects
-   public :: group_size, n_near, clear, plain, involved, fall
+   public :: group_size, n_near, clear, plain, involved, fall, last_integral
 
    integer, parameter :: group_size = 8
    integer, parameter :: n_near = 4   !! powers by which others follow a joint (7)
+   integer, parameter :: last_integral = 7   !! s of I_s (M10): a register of them from 0
    integer, private :: k_, s_   ! of the constructor that follows
    !> k!/(k + s)!
-   real(wp), parameter :: fall(most_degree, 0:n_near) = reshape( &
+   real(wp), parameter :: fall(most_degree, 0:last_integral) = reshape( &
                           [((gamma(k_ + 1.0_wp)/gamma(k_ + s_ + 1.0_wp), k_=1, most_degree), &
-                            s_=0, n_near)], [most_degree, n_near + 1])
+                            s_=0, last_integral)], [most_degree, last_integral + 1])
    integer, parameter :: clear = 0, plain = 1, involved = 2   !! verdicts
 
    !> Suspects 1 .. n of a group; the other entries are of no account. Innermost loops run over the
