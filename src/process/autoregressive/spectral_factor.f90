@@ -12,7 +12,6 @@ module process_autoregressive_spectral_factor
    private
    public :: equivalent_process, change_of_factor, symbol_of_process, &
              reciprocal_of_process
-   public :: autocorrelation
 
 contains
 

@@ -7,8 +7,8 @@
 !> only corrects, in double.
 module process_direct_touching_symbol
    use core_kinds, only: extended, wp
-   use process_autoregressive_spectral_factor, only: autocorrelation, change_of_factor, &
-      equivalent_process, reciprocal_of_process
+   use process_autoregressive_spectral_factor, only: change_of_factor, equivalent_process, &
+      reciprocal_of_process
    implicit none(type, external)
    private
    public :: solve_touching
@@ -86,35 +86,23 @@ contains
       integer, parameter :: max_iterations = 80
       real(wp), parameter :: settled = 1.0e-13_wp
       real(extended) :: missing(0:ubound(symbol, 1))
-      real(wp) :: b(0:ubound(symbol, 1)), defect(0:ubound(symbol, 1)), &
-         reciprocal(0:2*ubound(symbol, 1)), step(0:ubound(symbol, 1))
-      real(wp) :: last_move, move, wanted
+      real(wp) :: b(0:ubound(symbol, 1)), reciprocal(0:2*ubound(symbol, 1)), &
+         step(0:ubound(symbol, 1))
+      real(wp) :: last_move, move
       integer :: iteration, j, order
-      logical :: is_first
 
       order = ubound(symbol, 1)
       move = huge(1.0_wp)
-      is_first = .false.
-      wanted = 0.0_wp
-      defect = 0.0_wp
       do iteration = 1, max_iterations
-         if (maxval(abs(defect)) <= wanted) then
-            missing = symbol
-            do j = 0, order
-               missing(:order - j) = missing(:order - j) - factor(j)*factor(j:)
-            end do
-            defect = real(missing, wp)
-            wanted = 1.0e-6_wp*maxval(abs(defect))
-            is_first = .true.
-         end if
+         missing = symbol
+         do j = 0, order
+            missing(:order - j) = missing(:order - j) - factor(j)*factor(j:)
+         end do
          b = real(factor, wp)
          call reciprocal_of_process(b(1:)/b(0), 1.0_wp/b(0), reciprocal, is_positive)
          if (.not. is_positive) return
-         step = change_of_factor(b, reciprocal, defect)
+         step = change_of_factor(b, reciprocal, real(missing, wp))
          factor = factor + step
-         defect = -autocorrelation(step)   ! but for rounding: exactly what is missing then
-         if (.not. is_first) cycle
-         is_first = .false.
          last_move = move
          move = abs(sum(step))/real(sum(factor), wp)
          if (move <= settled .or. move <= 1.0e-9_wp .and. move >= last_move) return
