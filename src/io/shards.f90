@@ -44,7 +44,7 @@ module io_shards
    end type stored_samples
 
    !> A block of nothing in static memory, which is zero, as allocate_for wants it.
-   type(block_result), save :: unread
+   type(block_result) :: unread
 
 contains
 
