@@ -185,16 +185,21 @@ contains
       if (.not. is_sharper) law = before
    end subroutine sharpen
 
-   !> True if hardly anything is left of K(m) at the last lags.
+   !> True if hardly anything is left of K(m) in the last fifth of the lags, or no more than noise.
    function fades(law) result(is_so)
       type(sampled_objective), intent(in) :: law   !! evaluated with averages of every lag
       logical :: is_so
-      real(wp), allocatable :: k(:), unused(:)
+      real(wp), parameter :: little = 5.0e-3_wp, standard_errors = 3.0_wp
+      real(wp), allocatable :: k(:), rests(:, :), unused(:)
+      integer :: first
 
-      associate (n => law%problem%n_lags)
-         call estimate_autocovariance(law%last%batches, law%known, n, k, unused)
+      associate (n => law%problem%n_lags, batches => law%last%batches)
+         allocate (rests(size(batches%x, 2), 0:n))
+         call estimate_autocovariance(batches, law%known, n, k, unused, rests)
          k = law%signs*k
-         is_so = abs(sum(k(n + 1 - n/5:))) <= 5.0e-3_wp*sum(k(2:))
+         first = n + 1 - n/5
+         is_so = abs(sum(k(first:))) <= max(little*sum(k(2:)), standard_errors/size(rests, 1) &
+                                            *norm2(matmul(rests(:, first:), law%signs(first:))))
       end associate
    end function fades
 
