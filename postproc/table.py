@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
+from typing import SupportsFloat
 
 import numpy as np
 
@@ -59,6 +60,11 @@ class Measured(str):
         self.value = f"{value:.{min(digits, _SHOWN)}g}"
         self.error = f"{error:.2g}"
         return self
+
+
+def rounded(value: SupportsFloat, digits: int = 3) -> str:
+    """So many significant digits; a power of ten from a million on, and below 0.0001."""
+    return f"{float(f'{float(value):.{digits}g}'):g}"
 
 
 def value_with_error(value: float, error: float) -> str:

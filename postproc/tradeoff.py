@@ -14,7 +14,7 @@ from .figures import style
 from .figures.figure import SECTIONS, Figure
 from .groups import open_group
 from .results import Results
-from .table import Table, value_with_error
+from .table import Table, rounded, value_with_error
 
 _FLOOR = 1e-13  # smaller errors are rounding, and stand on the lower edge
 _ERRORS = {
@@ -208,8 +208,8 @@ def tables_of(results: Results) -> Iterator[Table]:
 def _size_row(size: xr.Dataset) -> tuple[str, ...]:
     return (
         str(int(size["n_samples"])), f"{float(size['n_steps']):.0f}",
-        f"{float(size['slip_mean']):.3g}", f"{float(size['slip_std']):.3g}",
-        f"{100 * float(size['band_ratio']):.3g}", f"{float(size['seconds']):.3g}",
+        rounded(size["slip_mean"]), rounded(size["slip_std"]),
+        rounded(100 * size["band_ratio"]), rounded(size["seconds"]),
     )  # fmt: skip
 
 
@@ -218,8 +218,8 @@ def _order_row(row: xr.Dataset) -> tuple[str, ...]:
     method = "direct" if int(row["is_direct"]) == 1 else "autoregressive"
     return (
         f"{method}, {imposed} = {float(row['correlation_length']):g}", str(int(row["order"])),
-        f"{float(row['entropy_lost']):.3g}", f"{other} = {float(row['other_length']):.3g}",
-        f"{float(row['milliseconds']):.2g}",
+        rounded(row["entropy_lost"]), f"{other} = {rounded(row['other_length'])}",
+        rounded(row["milliseconds"], 2),
         "the scene's own" if int(row["is_own"]) == 1 else "",
     )  # fmt: skip
 
@@ -235,7 +235,7 @@ def _variant_row(variant: xr.Dataset) -> tuple[str, ...]:
     return (
         f"p{int(variant['process']):03d}", "fit" if int(variant["is_of_fit"]) == 1 else "order",
         str(int(variant["order"])), str(steps) if steps else "chosen",
-        f"{float(variant['seconds']):.2g}", *changes,
+        rounded(variant["seconds"], 2), *changes,
         "the scene's own" if int(variant["is_own"]) == 1 else "",
     )  # fmt: skip
 
@@ -244,14 +244,14 @@ def _row(setting: xr.Dataset) -> tuple[str, ...]:
     is_event = int(setting["method"]) == 1
     return (
         "event" if is_event else "newmark",
-        f"{float(setting['dt']):.3g}",
+        rounded(setting["dt"]),
         "-" if is_event else str(int(setting["max_halvings"])),
         f"{float(setting['tolerance']):.0e}" if is_event else "-",
         _error_of(setting, "slip", 1.0),
-        f"{100 * float(setting['psd_mean']):.2g}",
+        rounded(100 * setting["psd_mean"], 2),
         _error_of(setting, "band_ratio", 100.0),
-        f"{float(setting['cost']):.3g}",
-        f"{float(setting['seconds']):.3g}",
+        rounded(setting["cost"]),
+        rounded(setting["seconds"]),
         "the scene's own" if int(setting["is_own"]) == 1 else "",
     )
 

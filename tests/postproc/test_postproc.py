@@ -23,7 +23,7 @@ from entroslip.figures.chain_figure import plot_chain
 from entroslip.figures.figure import SECTIONS, Figure
 from entroslip.paper.printed import AXES
 from entroslip.results import ResultsError
-from entroslip.table import value_with_error
+from entroslip.table import rounded, value_with_error
 from entroslip.tables import beside_paper, table_audit, table_frequencies, table_slip
 from tests.conftest import ROOT
 from tests.postproc.synthetic import FREQUENCY, case_of
@@ -278,6 +278,12 @@ def test_a_folder_that_cannot_be_is_refused(process_file, tmp_path, capsys):
     assert (
         capsys.readouterr().err == f"{tmp_path / 'taken'}: cannot be made a folder: File exists\n"
     )
+
+
+def test_rounded_numbers_have_no_power_of_ten_where_none_is_needed():
+    shown = {1144.0: "1140", 0.00251: "0.00251", 31.249: "31.2", 2e7: "2e+07"}
+    assert {value: rounded(value) for value in shown} == shown
+    assert rounded(124.9, 2) == "120"
 
 
 def test_values_carry_their_errors():
