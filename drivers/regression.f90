@@ -13,7 +13,7 @@ module driver_regression
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: attend_to_others, world_type
    use process_model, only: process_model_type
-   use statistics_estimates, only: statistic_type
+   use statistics_estimates, only: numbers_of_statistic, statistic_type
    use statistics_pool, only: new_pool, pool_type
    use statistics_scalars, only: estimate_scalars
    use statistics_spectra, only: estimate_spectrum, last_powerful
@@ -276,8 +276,7 @@ contains
          real(wp), pointer :: numbers(:)
 
          if (.not. present(table)) return
-         call c_f_pointer(c_loc(table), numbers, &
-                          [size(table)*(storage_size(table)/storage_size(1.0_wp))])
+         call c_f_pointer(c_loc(table), numbers, [size(table)*numbers_of_statistic])
          call world%add_up(size(numbers), numbers)
       end subroutine add_table
 

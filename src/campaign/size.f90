@@ -17,6 +17,7 @@ module campaign_size
    use numerics_statistics, only: n_sums
    use process_direct_sign_search, only: max_listed
    use process_model, only: process_model_type, process_request
+   use statistics_estimates, only: numbers_of_statistic
    use statistics_law, only: most_kept, n_points
    use statistics_spectra, only: fitted_together => together
    use statistics_surrogate, only: most_landmarks, outputs_judged, samples_paired
@@ -197,7 +198,8 @@ contains
                   + of_shard*size(plan%cases)*(1 + n_samples/block_width(plan)) &
                   + memory_of_matrices(plan) &
                   + max(memory_of_march(plan, every, transitions), &
-                        memory_of_statistics(plan, every), memory_of_regression(plan, every)))
+                        memory_of_tables(plan, every) + max(memory_of_statistics(plan, every), &
+                                                            memory_of_regression(plan, every))))
    end function memory_of_rank
 
    !> Memory of the force as it is drawn (or in a file, prepared, and in the march) and of a block
@@ -250,6 +252,25 @@ contains
       end associate
    end function record_memory
 
+   !> Statistics of the spectra of all cases, plain sampling's and the best, and the columns that up
+   !> to two cases collect, which stay to the end.
+   pure function memory_of_tables(plan, every) result(bytes)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: every
+      real(wp) :: bytes
+      integer :: n_groups, n_tables
+
+      bytes = 0.0_wp
+      if (.not. plan%output%spectrum) return
+      n_tables = count(plan%cases%n_samples > 1)
+      n_groups = (maxval(plan%cases%n_samples) - 1)/largest_group + 1
+      associate (np => size(plan%output%percentiles))
+         bytes = word*size(kept_dofs(plan))*n_frequencies(plan, every) &
+                 *(n_tables*2*(numbers_of_statistic*(1 + np) + 1) &
+                   + min(2, n_tables)*(3*np + n_sums*n_groups))
+      end associate
+   end function memory_of_tables
+
    !> Bands of up to two cases at once, and the spectra of a group of samples at some frequencies.
    pure function memory_of_statistics(plan, every) result(bytes)
       type(plan_type), intent(in) :: plan
@@ -269,8 +290,7 @@ contains
       if (.not. plan%output%spectrum .or. n_group < 2) return
       associate (n_kept => size(kept_dofs(plan)), n_percentiles => size(plan%output%percentiles))
          together = frequencies_together(n_kept, n_frequencies(plan, every))
-         bytes = bytes + word*n_kept*n_frequencies(plan, every)*(3*n_percentiles + n_sums*n_groups &
-                                                                 + 10*(1 + n_percentiles)) &
+         bytes = bytes &
                  + at_once*word*n_kept*parts*(n_percentiles*n_replicates + min(n_group, 512)) &
                  + word*n_group*n_kept*(together + min(n_powers(plan, every), 2*n_batches)) &
                  + 4.0_wp*n_group*n_replicates
@@ -279,8 +299,7 @@ contains
       end associate
    end function memory_of_statistics
 
-   !> Draws of the laws of a pool; outputs, fits and predictions of one dof; the statistics of all
-   !> cases with those of plain sampling.
+   !> Draws of the laws of a pool; outputs, fits and predictions of one dof.
    pure function memory_of_regression(plan, every) result(bytes)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
@@ -309,10 +328,6 @@ contains
                               *2*min(samples_paired, n)
          bytes = max(bytes, word*(of_law + max(of_draws, of_dof)))
       end do
-      associate (np => size(plan%output%percentiles))
-         if (size(pools) > 0) bytes = bytes + word*nf*size(kept_dofs(plan))*size(plan%cases) &
-                                      *(10 + 10*np)
-      end associate
    end function memory_of_regression
 
    !> Refuses a plan whose realizations or whose march need more memory than the system gives; asks

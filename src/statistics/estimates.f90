@@ -6,9 +6,9 @@ module statistics_estimates
    use statistics_order, only: at_rank
    implicit none(type, external)
    private
-   public :: statistic_type, estimates_type, blank_estimates, downward_error, end_beyond, &
-             inverse_density, plain_deviation, plain_mean, plain_percentile, stated_error, &
-             student_factor, two_sided, upward_error
+   public :: statistic_type, numbers_of_statistic, estimates_type, blank_estimates, &
+             downward_error, end_beyond, inverse_density, plain_deviation, plain_mean, &
+             plain_percentile, stated_error, student_factor, two_sided, upward_error
 
    real(wp), parameter :: two_sided = 1.959964_wp   !! standard errors of a 95 % interval
    real(wp), parameter :: least_stretch = 0.5_wp   !! where samples tie; a blend with a fit does not
@@ -23,6 +23,7 @@ module statistics_estimates
       real(wp) :: low = 0.0_wp, high = 0.0_wp      !! ends of the interval
       real(wp) :: ratio = 1.0_wp                   !! plain sampling's error over that of value
    end type statistic_type
+   integer, parameter :: numbers_of_statistic = storage_size(statistic_type())/storage_size(1.0_wp)
 
    !> Several outputs estimated from the same samples.
    type :: estimates_type

@@ -17,13 +17,14 @@ from tests.conftest import ENVIRONMENT
 SCENE = """\
 &process correlation_length = 1.0 order = 1 mean = 0.2 std = 0.02 /
 &chain n_dof = {n_dof} /
-&excitation variance = 41.1 /
+&excitation variance = {variance} /
 &integration method = 'event' n_steps = {n_steps} /
 &campaign n_samples = {n_samples} /
 &output quantities = {kept} segment_length = {segment} /
 """
 USUAL = {
     "n_dof": 5, "n_steps": 4000, "n_samples": 8, "segment": 8192, "kept": "'slip', 'spectrum'",
+    "variance": "41.1",
 }  # fmt: skip
 CASES = {
     "smallest": {},
@@ -34,6 +35,7 @@ CASES = {
     "histories": {"n_steps": 40000, "kept": "'slip', 'history'"},
     "transitions": {"n_steps": 20000, "n_samples": 32, "kept": "'slip', 'transitions'"},
     "many_masses": {"n_dof": 400},
+    "many_cases": {"n_dof": 90, "n_steps": 3000, "variance": "10, 20, 30, 40, 50, 60, 70, 80, 90"},
     "long_march": {"n_dof": 1, "n_steps": 2000000, "n_samples": 1, "kept": "'slip', 'spectrum'"},
 }
 PROCESSES = {
