@@ -103,7 +103,7 @@ contains
          associate (cases => workshop%pools(p)%cases)
             do i = 1, size(cases)
                associate (found => workshop%found(cases(i)))
-                  call found%start(workshop%plain(cases(i)), workshop%points)
+                  call found%start(workshop%points)
                   found%pooled_with = pack(cases, cases /= cases(i))
                end associate
             end do

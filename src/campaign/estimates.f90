@@ -25,17 +25,15 @@ contains
 
    !> Makes room for the estimates of a regression in the place of plain ones: zeros, so that ranks
    !> that take some each can add up all.
-   pure subroutine start(self, plain, friction_points)
-      class(case_estimates), intent(inout) :: self
-      type(case_statistics), intent(in) :: plain
+   pure subroutine start(self, friction_points)
+      class(case_estimates), intent(inout) :: self   !! with plain estimates
       integer, intent(in) :: friction_points(:)    !! of the process, ascending
       type(statistic_type), parameter :: nothing = statistic_type(ratio=0.0_wp)
 
       self%friction_points = friction_points
-      allocate (self%sensitivity(size(friction_points), plain%n_joints), source=nothing)
-      self%best = plain
+      allocate (self%sensitivity(size(friction_points), self%best%n_joints), source=nothing)
       self%best%numbers = nothing
-      if (.not. allocated(plain%psd)) return
+      if (.not. allocated(self%best%psd)) return
       self%best%psd = nothing
       self%best%pseudo_variances = nothing
    end subroutine start
