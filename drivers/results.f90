@@ -1,5 +1,6 @@
 !> From shards to the results file: statistics of every case, and everything written as a whole.
 module driver_results
+   use campaign_columns, only: sample_groups
    use campaign_comparison, only: compare_slip, numerical_error, spectrum_comparison
    use campaign_estimates, only: case_estimates
    use campaign_plan, only: audit_of, kept_dofs, plan_type
@@ -13,7 +14,8 @@ module driver_results
    use driver_output, only: output_type
    use driver_provenance, only: begin_results
    use driver_regression, only: find_estimates
-   use driver_statistics, only: case_task, open_case, write_short
+   use driver_statistics, only: case_task, open_case
+   use io_blocks, only: put_short
    use io_case_statistics, only: write_audit, write_estimates
    use io_group, only: group_type
    use io_hdf5, only: hdf5_file
@@ -21,6 +23,7 @@ module driver_results
    use io_results, only: begin_case, finish_case, finish_results, write_structure
    use io_shards, only: remove_covered, stored_samples
    use io_store, only: discard_file
+   use parallel_world, only: attend_to_others
    use process_model, only: process_model_type, request_label
    use process_realization, only: draw_points
    implicit none(type, external)
@@ -170,6 +173,26 @@ contains
          call write_short(plan, number, stored, group, error)
       end associate
    end subroutine begin
+
+   !> Writes the small data of a case's samples to its group of a results file.
+   subroutine write_short(plan, number, stored, group, error)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: number   !! of the case
+      type(stored_samples), intent(in) :: stored
+      type(group_type), intent(inout) :: group
+      type(error_type), allocatable, intent(out) :: error
+      type(block_result) :: samples
+      integer, allocatable :: first(:)
+      integer :: g
+
+      first = sample_groups(plan%cases(number)%n_samples)
+      do g = 1, size(first) - 1
+         call attend_to_others()
+         call stored%read(number, first(g), first(g + 1) - 1, samples, error)
+         if (allocated(error)) return
+         call put_short(group, plan, samples)
+      end do
+   end subroutine write_short
 
    !> Compares the audit with the samples that it repeats, and writes it; for the root alone.
    subroutine finish_audit(plan, audit, layout, stored, file, error)

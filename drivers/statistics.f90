@@ -1,7 +1,7 @@
 !> The statistics of a case over its samples, in memory that does not grow with their number.
 module driver_statistics
    use campaign_bands, only: band_collector, start_bands
-   use campaign_columns, only: column_collector, sample_groups, start_columns
+   use campaign_columns, only: column_collector, start_columns
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_results, only: block_result, case_statistics, n_quantities, numbers_of, &
                                spectrum_layout
@@ -10,15 +10,13 @@ module driver_statistics
    use core_chunks, only: frequencies_together
    use core_error, only: error_type
    use core_kinds, only: wp
-   use io_blocks, only: put_short
    use io_shards, only: stored_samples
-   use io_group, only: group_type
    use numerics_correlated, only: n_batches
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: attend_to_others, world_type
    implicit none(type, external)
    private
-   public :: case_task, open_case, write_short
+   public :: case_task, open_case
 
    integer, parameter :: most_slices = 32   !! of the frequencies, shared out over the ranks
    integer, parameter :: samples_together = 64   !! whose slip series are read at once
@@ -286,26 +284,6 @@ contains
       call self%spans%finish(statistics%n_samples, statistics)
       if (plan%excitation%per_sample) statistics%slip_mean_time_error = 0.0_wp   ! samples lower it
    end subroutine finish_joints
-
-   !> Writes the small data of a case's samples to its group of a results file.
-   subroutine write_short(plan, number, stored, group, error)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number   !! of the case
-      type(stored_samples), intent(in) :: stored
-      type(group_type), intent(inout) :: group
-      type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: samples
-      integer, allocatable :: first(:)
-      integer :: g
-
-      first = sample_groups(plan%cases(number)%n_samples)
-      do g = 1, size(first) - 1
-         call attend_to_others()
-         call stored%read(number, first(g), first(g + 1) - 1, samples, error)
-         if (allocated(error)) return
-         call put_short(group, plan, samples)
-      end do
-   end subroutine write_short
 
    !> Adds the spectra of a group of samples at a slice of the frequencies.
    subroutine add_slice(self, stored, group, slice, error)
