@@ -121,6 +121,7 @@ contains
       integer, intent(in) :: part     !! a joint, or behind those a dof: of spectra, of amplitudes
       type(workshop_type), intent(inout) :: workshop
       type(error_type), allocatable, intent(inout) :: error
+      integer :: i
 
       if (workshop%at_hand /= number) then
          call gather_pool(plan, models, stored, number, workshop, error)
@@ -128,7 +129,8 @@ contains
       end if
       associate (dof => part - workshop%n_joints, n_spectra => size(workshop%dofs))
          if (dof <= 0) then
-            call estimate_numbers(workshop, part + workshop%n_joints*[0, 1, 2], error)
+            call estimate_numbers(workshop, [(part + i*workshop%n_joints, i=0, n_quantities - 1)], &
+                                  error)
          else if (dof <= n_spectra) then
             call estimate_dof(stored, dof, workshop, error)
          else

@@ -3,9 +3,9 @@
 !>
 !> Percentiles interpolate linearly between order statistics (Hyndman and Fan, type 7). Their
 !> intervals are order statistics (binomial, 95 %); where samples are too few for an end, it lies
-!> beyond them. Where there is more than one group, percentiles
-!> averaged over the groups are where those of all samples are looked for: `open_selection`, to
-!> which all values are added again, and `take_selection`.
+!> beyond them. Where there is more than one group, percentiles averaged over the groups are where
+!> those of all samples are looked for: `open_selection`, to which all values are added again, and
+!> `take_selection`.
 !>
 !> Groups may be taken by different ranks: sums over the ranks of `sums` and `at`, which are zero
 !> where nothing was added, make a collector that has all. `at` has the same bits on any number of

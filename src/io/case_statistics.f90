@@ -5,7 +5,7 @@ module io_case_statistics
    use campaign_comparison, only: band_ratio_error, difference_type, numerical_error, slip_error
    use campaign_estimates, only: case_estimates
    use campaign_plan, only: integration_settings, kept_of, plan_type, reference_for
-   use campaign_results, only: block_result, case_statistics, spectrum_layout
+   use campaign_results, only: block_result, case_statistics, n_quantities, spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: numbered
@@ -24,7 +24,8 @@ module io_case_statistics
 
 contains
 
-   !> Takes the first error of all.
+   !> Writes the best estimates of a case with the errors that the march adds, and beside them plain
+   !> ones where a regression gave those. Takes the first error of all.
    subroutine write_estimates(group, plain, found, error)
       type(group_type), intent(inout) :: group
       type(case_statistics), intent(in) :: plain
@@ -117,10 +118,11 @@ contains
       associate (numbers => statistics%numbers)
          call put_numbers('slip', '1', 'joint', 'slip_fraction', numbers(:n, :))
          call put_numbers('slip_distance', 'm', 'joint', 'slip_distance', numbers(n + 1:2*n, :))
-         call put_numbers('dissipation', 'J', 'joint', 'dissipation', numbers(2*n + 1:3*n, :))
-         if (size(numbers, 1) > 3*n) &
+         call put_numbers('dissipation', 'J', 'joint', 'dissipation', &
+                          numbers(2*n + 1:n_quantities*n, :))
+         if (size(numbers, 1) > n_quantities*n) &
             call put_numbers('harmonic_amplitude', 'm', 'dof', 'harmonic_amplitude', &
-                             numbers(3*n + 1:, :))
+                             numbers(n_quantities*n + 1:, :))
       end associate
       if (.not. allocated(statistics%psd)) return
       associate (psd => statistics%psd, integrals => statistics%pseudo_variances)
@@ -245,8 +247,7 @@ contains
       call dataset%take_error(group%error)
    end subroutine note_gain
 
-   !> Writes the group of an audit: `samples` as they are read, spectra from the
-   !> shards.
+   !> Writes the group of an audit: `samples` as they are read, spectra from the shards.
    subroutine write_audit(file, plan, number, samples, layout, errors, stored, error)
       type(hdf5_file), intent(in) :: file
       type(plan_type), intent(in) :: plan
