@@ -246,7 +246,7 @@ contains
       real(wp), allocatable, intent(out) :: inverse(:, :)    !! (n, n)
       type(error_type), allocatable, intent(out) :: error
 
-      inverse = unit_matrix(size(a, 1))
+      allocate (inverse, source=unit_matrix(size(a, 1)))
       call solve_columns(a, inverse, error)
    end subroutine invert_matrix
 
