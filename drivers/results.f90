@@ -95,7 +95,7 @@ contains
       type(hdf5_file), intent(in) :: file
       type(error_type), allocatable, intent(out) :: error
       type(stored_samples) :: stored
-      type(case_task) :: tasks(0:1)   ! in turn
+      type(case_task), allocatable :: tasks(:)   ! two, in turn
       type(case_statistics) :: statistics(size(plan%cases))
       type(case_estimates) :: estimates(size(plan%cases))
       type(group_type) :: groups(size(plan%cases))
@@ -112,6 +112,7 @@ contains
       end if
       numbers = pack([(i, i=1, size(plan%cases))], &
                      plan%cases%n_samples > 0 .and. plan%cases%audits == 0)
+      allocate (tasks(0:1))
       if (size(numbers) > 0) call open_task(1)
       do k = 1, size(numbers)
          associate (task => tasks(modulo(k, 2)), number => numbers(k))
@@ -127,6 +128,7 @@ contains
                call finish_audit(plan, audit_of(plan, number), runner%layout, stored, file, error)
          end associate
       end do
+      deallocate (tasks)
       if (output%world%any_true(allocated(error))) return
       call find_estimates(output%world, plan, models, stored, &
                           pack(runner%layout%frequency, plan%output%spectrum), statistics, &

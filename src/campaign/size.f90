@@ -198,8 +198,8 @@ contains
                   + of_shard*size(plan%cases)*(1 + n_samples/block_width(plan)) &
                   + memory_of_matrices(plan) &
                   + max(memory_of_march(plan, every, transitions), &
-                        memory_of_tables(plan, every) + max(memory_of_statistics(plan, every), &
-                                                            memory_of_regression(plan, every))))
+                        memory_of_tables(plan, every) + memory_of_statistics(plan, every), &
+                        2*memory_of_tables(plan, every) + memory_of_regression(plan, every)))
    end function memory_of_rank
 
    !> Memory of the force as it is drawn (or in a file, prepared, and in the march) and of a block
@@ -252,23 +252,18 @@ contains
       end associate
    end function record_memory
 
-   !> Statistics of the spectra of all cases, plain sampling's and the best, and the columns that up
-   !> to two cases collect, which stay to the end.
+   !> Statistics of the spectra of all cases: plain sampling's, beside which come the best.
    pure function memory_of_tables(plan, every) result(bytes)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: every
       real(wp) :: bytes
-      integer :: n_groups, n_tables
+      integer, parameter :: of_freedoms = 1   ! of the mean
 
       bytes = 0.0_wp
-      if (.not. plan%output%spectrum) return
-      n_tables = count(plan%cases%n_samples > 1)
-      n_groups = (maxval(plan%cases%n_samples) - 1)/largest_group + 1
-      associate (np => size(plan%output%percentiles))
+      if (plan%output%spectrum) &
          bytes = word*size(kept_dofs(plan))*n_frequencies(plan, every) &
-                 *(n_tables*2*(numbers_of_statistic*(1 + np) + 1) &
-                   + min(2, n_tables)*(3*np + n_sums*n_groups))
-      end associate
+                 *count(plan%cases%n_samples > 1) &
+                 *(numbers_of_statistic*(1 + size(plan%output%percentiles)) + of_freedoms)
    end function memory_of_tables
 
    !> Bands of up to two cases at once, and the spectra of a group of samples at some frequencies.
@@ -291,7 +286,9 @@ contains
       associate (n_kept => size(kept_dofs(plan)), n_percentiles => size(plan%output%percentiles))
          together = frequencies_together(n_kept, n_frequencies(plan, every))
          bytes = bytes &
-                 + at_once*word*n_kept*parts*(n_percentiles*n_replicates + min(n_group, 512)) &
+                 + at_once*word*n_kept*(n_frequencies(plan, every) &
+                                        *real(3*n_percentiles + n_sums*n_groups, wp) &
+                                        + parts*(n_percentiles*n_replicates + min(n_group, 512))) &
                  + word*n_group*n_kept*(together + min(n_powers(plan, every), 2*n_batches)) &
                  + 4.0_wp*n_group*n_replicates
          if (n_groups > 1) bytes = bytes + word*n_kept*together*n_percentiles*in_bracket &
