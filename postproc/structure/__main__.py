@@ -76,14 +76,19 @@ def _imported(options: argparse.Namespace) -> tuple[Pair, Pair, list[Joint]]:
     whole = pair = read_pair(options.mass, options.stiffness, options.damping)
     for note in pair.notes:
         say(note)
+    named = [*options.keep, *(dof for pair_of in options.joint for dof in pair_of if dof),
+             *(dof for dof, _ in options.force)]  # fmt: skip
     if options.condense:
-        before = pair.n_dof
+        for i in massless(pair):
+            if pair.labels[i] in named:
+                raise InputError(
+                    f"dof {pair.labels[i]}: has no mass and goes with --condense; joints, forces"
+                    " and --keep need one that has"
+                )
         pair = condensed(pair)
-        say(f"condensed: {before} dofs to {pair.n_dof}")
+        say(f"condensed: {whole.n_dof} dofs to {pair.n_dof}")
     joints = [_joint(a, b, options) for a, b in options.joint]
     if options.modes is not None:
-        named = [*options.keep, *(dof for pair_of in options.joint for dof in pair_of if dof),
-                 *(dof for dof, _ in options.force)]  # fmt: skip
         full, pair = pair, craig_bampton(pair, list(dict.fromkeys(named)), options.modes)
         say(f"reduced: {full.n_dof} dofs to {pair.n_dof}, {options.modes} of them modes")
         say(_kept(full, pair))

@@ -313,6 +313,8 @@ def test_dofs_without_mass_are_named_and_condensed(tmp_path, capsys):
     exact = np.array([[1500.0, -500.0], [-500.0, 500.0]])
     np.testing.assert_allclose(condensed(pair).stiffness.toarray(), exact)
     assert main([*words, "--condense"]) == 0
+    assert main([*words, "--condense", "--joint", "2"]) == 2
+    assert "dof 2: has no mass and goes with --condense" in capsys.readouterr().err
     assert main([*words, "--modes", "1", "--joint", "3"]) == 0
 
 
