@@ -8,7 +8,8 @@ execute_process(COMMAND ${CMAKE_Fortran_COMPILER} -print-file-name=finclude
   OUTPUT_VARIABLE intrinsic_modules OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
 list(APPEND strict -nostdinc -fintrinsic-modules-path ${intrinsic_modules})
 set(warnings -Wall -Wextra -Wimplicit-interface -Wno-compare-reals -Wno-uninitialized -Wno-maybe-uninitialized)
-set(debug -Og -g -fcheck=all -fbacktrace -ffpe-trap=invalid,zero,overflow
+# Every check of errors; a copy made for an argument is none, and its notices drowned what a program says.
+set(debug -Og -g -fcheck=all,no-array-temps -fbacktrace -ffpe-trap=invalid,zero,overflow
   -finit-real=snan -finit-derived -Werror)
 # -fno-trapping-math changes no value; it lets both arms of a merge be computed
 set(release -O3 -g1 -march=${ENTROSLIP_ARCH} -fno-trapping-math)
