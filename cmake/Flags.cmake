@@ -16,8 +16,8 @@ set(release -O3 -g1 -march=${ENTROSLIP_ARCH} -fno-trapping-math)
 if(ENTROSLIP_ARCH STREQUAL "native")
   list(APPEND release -mprefer-vector-width=512)
 endif()
-# gfortran 14 spoils a .or. b of arrays of logicals by masked loads (AVX-512). Rooms of the marches without such arrays
-# have them back: a third of a march.
+# gfortran 14 spoils a .or. b of arrays of logicals by masked loads (AVX-512). Rooms without such arrays have them back
+# where it counts: a third of a march.
 if(CMAKE_Fortran_COMPILER_VERSION VERSION_GREATER_EQUAL 14)
   list(APPEND release -fno-tree-loop-if-convert)
 endif()
