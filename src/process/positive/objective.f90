@@ -39,8 +39,8 @@ module process_positive_objective
       !> is left of what enters and leaves at the ends of a batch
       real(wp) :: centre = 1.0_wp
       !> values simulated so far, in units of those of low order, and how many at most: a bound
-      !> that does not depend on the machine, some 30 s of a processor
-      real(wp) :: effort = 0.0_wp, most_effort = 3.0e9_wp
+      !> that does not depend on the machine, some 40 s of a processor
+      real(wp) :: effort = 0.0_wp, most_effort = 4.0e9_wp
       type(law_estimate) :: last                     !! of the last evaluation
       !> (batch, component) what is left of each batch's deviation from its state: of multipliers
       !> that of the first one alone, by the mean
