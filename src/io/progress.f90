@@ -2,11 +2,11 @@
 module io_progress
    use core_kinds, only: long, wp
    use core_terminal, only: say, write_output
-   use core_text, only: to_text
+   use core_text, only: duration, to_text
    use io_files, only: shows_on_terminal
    implicit none(type, external)
    private
-   public :: duration_text, progress_text, progress_type
+   public :: progress_text, progress_type
 
    !> `start`, then `show` as often as one likes, then `finish`. Without `start` it says nothing.
    type :: progress_type
@@ -82,7 +82,7 @@ contains
       self%width = len(text)
    end subroutine redraw
 
-   !> 412 of 1200 samples, 34 %, 5.2 a second, 2:31 left
+   !> 412 of 1200 samples, 34 %, 5.2 a second, 2.5 min left
    pure function progress_text(done, done_before, total, seconds, noun) result(text)
       integer, intent(in) :: done, done_before, total   !! samples
       real(wp), intent(in) :: seconds                   !! since done_before
@@ -99,30 +99,7 @@ contains
       else
          text = text//', '//to_text(anint(600.0_wp*rate)/10.0_wp)//' a minute'
       end if
-      text = text//', '//duration_text((total - done)/rate)//' left'
+      text = text//', '//duration((total - done)/rate)//' left'
    end function progress_text
-
-   !> 0:07, 2:31, 1:02:31, 3 d 01:02:31
-   pure function duration_text(seconds) result(text)
-      real(wp), intent(in) :: seconds   !! not negative
-      character(:), allocatable :: text
-      character(40) :: buffer
-      integer(long) :: days, hours, minutes, rest
-
-      rest = nint(min(seconds, 1.0e12_wp), long)
-      days = rest/86400
-      hours = mod(rest, 86400_long)/3600
-      minutes = mod(rest, 3600_long)/60
-      rest = mod(rest, 60_long)
-      if (days > 0) then
-         write (buffer, '(i0, a, i2.2, a, i2.2, a, i2.2)') days, ' d ', hours, ':', minutes, ':', &
-            rest
-      else if (hours > 0) then
-         write (buffer, '(i0, a, i2.2, a, i2.2)') hours, ':', minutes, ':', rest
-      else
-         write (buffer, '(i0, a, i2.2)') minutes, ':', rest
-      end if
-      text = trim(buffer)
-   end function duration_text
 
 end module io_progress

@@ -11,7 +11,9 @@ from tests.program.campaign import SCENE
 from tests.program.terminal import said_on_a_terminal
 
 PROGRESS = re.compile(r"\d+ of 602 samples, \d+ %")
-RATE = re.compile(r"\d+ of 602 samples, \d+ %, [\d.]+ a (second|minute), [\d:]+ left")
+RATE = re.compile(
+    PROGRESS.pattern + r", [\d.]+ a (second|minute), (less than 1 s|[\d.]+ (s|min|h|days)) left"
+)
 ONE_RECORD = """\
 &process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.01 /
 &chain n_dof = 1 /
