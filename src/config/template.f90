@@ -97,7 +97,7 @@ contains
       character(:), allocatable :: text
 
       text = trim(entry%doc)
-      if (entry%n_choices > 0) text = text//'; '//entry%choices_text()
+      if (entry%choices /= '') text = text//'; '//entry%choices_text()
       if (len(entry%rule%text()) > 0) text = text//'; '//entry%rule%text()
    end function meaning_of
 

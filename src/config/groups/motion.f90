@@ -2,7 +2,7 @@
 !> marched through time.
 module config_groups_motion
    use campaign_plan, only: excitation_settings, integration_settings
-   use config_text_value_table, only: about, between, entry_type, inside, not_negative, positive, &
+   use config_text_value_table, only: between, entry_type, inside, not_negative, positive, &
       visitor_type
    use core_kinds, only: wp
    use dynamics_newmark_march, only: most_halvings
@@ -56,42 +56,26 @@ contains
    subroutine visit_chain(self, visitor)
       type(chain_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
-      type(entry_type) :: entry
 
-      entry = about('n_dof', 'number of masses; the first is next to the wall', &
-                    rule=between(1.0_wp, real(most_dofs, wp)))
-      entry%default = 'length of the longest list, else 5'
-      call visitor%visit(self%n_dof, entry)
-      entry = about('mass', 'one value, or one per dof', 'kg', positive)
-      call visit_list(self%mass, [1.0_wp])
-      entry = about('coupling_stiffness', &
-                    'springs between the masses; the first one joins the wall', 'N/m', &
-                    not_negative)
-      call visit_list(self%coupling_stiffness, [25.0_wp])
-      entry = about('contact_stiffness', 'springs of the Jenkins elements', 'N/m', &
-                    positive)
-      call visit_list(self%contact_stiffness, [50.0_wp])
-      entry = about('normal_load', 'normal loads of the sliders', 'N', not_negative)
-      call visit_list(self%normal_load, [10.0_wp])
-      entry = about('friction', 'friction coefficients of the deterministic cases', &
-                    rule=not_negative)
-      entry%default = 'the mean that all &process share'
-      call visit_list(self%friction, [real(wp) ::])
-      entry = about('damping_ratio', 'ratio of critical damping of each mode, all joints stuck', &
-                    rule=not_negative)
-      call visit_list(self%damping_ratio, [0.005_wp])
-
-   contains
-
-      !> Visits a list with a value for each dof, or one for all.
-      subroutine visit_list(list, default)
-         real(wp), allocatable, intent(inout) :: list(:)
-         real(wp), intent(in) :: default(:)
-
-         entry%per_dof = self%n_dof
-         call visitor%visit(list, entry, default=default)
-      end subroutine visit_list
-
+      call visitor%visit(self%n_dof, entry_type('n_dof', &
+         'number of masses; the first is next to the wall', &
+         rule=between(1.0_wp, real(most_dofs, wp)), default='length of the longest list, else 5'))
+      call visitor%visit(self%mass, entry_type('mass', 'one value, or one per dof', 'kg', &
+         positive, per_dof=self%n_dof), default=[1.0_wp])
+      call visitor%visit(self%coupling_stiffness, entry_type('coupling_stiffness', &
+         'springs between the masses; the first one joins the wall', 'N/m', not_negative, &
+         per_dof=self%n_dof), default=[25.0_wp])
+      call visitor%visit(self%contact_stiffness, entry_type('contact_stiffness', &
+         'springs of the Jenkins elements', 'N/m', positive, per_dof=self%n_dof), &
+         default=[50.0_wp])
+      call visitor%visit(self%normal_load, entry_type('normal_load', &
+         'normal loads of the sliders', 'N', not_negative, per_dof=self%n_dof), default=[10.0_wp])
+      call visitor%visit(self%friction, entry_type('friction', &
+         'friction coefficients of the deterministic cases', rule=not_negative, &
+         per_dof=self%n_dof, default='the mean that all &process share'))
+      call visitor%visit(self%damping_ratio, entry_type('damping_ratio', &
+         'ratio of critical damping of each mode, all joints stuck', rule=not_negative, &
+         per_dof=self%n_dof), default=[0.005_wp])
    end subroutine visit_chain
 
    !> Visits the table of &structure.
@@ -100,25 +84,25 @@ contains
       class(visitor_type), intent(inout) :: visitor
 
       ! which file holds a matrix changes nothing: its values are in the fingerprint
-      call visitor%visit_text(self%mass_matrix, about('mass_matrix', &
+      call visitor%visit_text(self%mass_matrix, entry_type('mass_matrix', &
          'M as a Matrix Market file, real or integer', 'kg', shapes_samples=.false.))
-      call visitor%visit_text(self%stiffness_matrix, about('stiffness_matrix', &
+      call visitor%visit_text(self%stiffness_matrix, entry_type('stiffness_matrix', &
          'K without the joints, as a Matrix Market file', 'N/m', shapes_samples=.false.))
-      call visitor%visit_text(self%damping_matrix, about('damping_matrix', &
+      call visitor%visit_text(self%damping_matrix, entry_type('damping_matrix', &
          'C as a Matrix Market file; or give one of the next two', 'N s/m', shapes_samples=.false.))
-      call visitor%visit(self%rayleigh, about('rayleigh', &
+      call visitor%visit(self%rayleigh, entry_type('rayleigh', &
          'alpha [1/s], beta [s]: C = alpha M + beta K', rule=not_negative, length=2), &
          default=[0.0_wp, 0.0_wp])
-      call visitor%visit(self%damping_ratio, about('damping_ratio', &
+      call visitor%visit(self%damping_ratio, entry_type('damping_ratio', &
          'ratio of critical damping: one value, or one per mode, all joints stuck', &
          rule=not_negative), default=[0.005_wp])
-      call visitor%visit_text(self%joints, about('joints', &
+      call visitor%visit_text(self%joints, entry_type('joints', &
          'text file, one joint a line: dof_a dof_b stiffness normal_load friction '// &
          '[friction_point]; dof_b = 0 is the ground', shapes_samples=.false.))
-      call visitor%visit_text(self%directions, about('directions', &
+      call visitor%visit_text(self%directions, entry_type('directions', &
          'W (dofs x joints) as a Matrix Market file; lines of joints then have no dofs', &
          shapes_samples=.false.))
-      call visitor%visit_text(self%load, about('load', &
+      call visitor%visit_text(self%load, entry_type('load', &
          'text file of factors, one dof a line, one force a column; '// &
          'none: 1 at excitation%dof, or with base at all dofs', &
          shapes_samples=.false.))
@@ -129,33 +113,34 @@ contains
       type(excitation_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
 
-      call visitor%visit(self%kind, about('kind', &
+      call visitor%visit(self%kind, entry_type('kind', &
          'Gaussian noise with a flat or given spectrum, sines, or a force history from a file', &
          choices='band_limited psd sine file'))
-      call visitor%visit(self%band, about('band', 'frequencies of the noise, from and to', 'Hz', &
-         not_negative, length=2, used=self%kind == 'band_limited'), default=[0.0_wp, 2.5_wp])
-      call visitor%visit(self%variance, about('variance', &
+      call visitor%visit(self%band, entry_type('band', &
+         'frequencies of the noise, from and to', 'Hz', not_negative, length=2, &
+         is_used=self%kind == 'band_limited'), default=[0.0_wp, 2.5_wp])
+      call visitor%visit(self%variance, entry_type('variance', &
          'expected variance of the noise; one or several, each a case', 'N^2', positive))
-      call visitor%visit(self%frequency, about('frequency', &
-         'of sines; one or several, each a case', 'Hz', positive, used=self%kind == 'sine'))
-      call visitor%visit(self%amplitude, about('amplitude', &
+      call visitor%visit(self%frequency, entry_type('frequency', &
+         'of sines; one or several, each a case', 'Hz', positive, is_used=self%kind == 'sine'))
+      call visitor%visit(self%amplitude, entry_type('amplitude', &
          'of sines; one or several, each with every frequency', 'N', positive, &
-         used=self%kind == 'sine'))
-      call visitor%visit_text(self%psd, about('psd', &
+         is_used=self%kind == 'sine'))
+      call visitor%visit_text(self%psd, entry_type('psd', &
          'text file with the one-sided spectrum: Hz and N^2/Hz on a line, linear in between', &
          shapes_samples=.false.))
-      call visitor%visit_text(self%file, about('file', &
+      call visitor%visit_text(self%file, entry_type('file', &
          'force history: text (force, or time and force) or HDF5, beside the scene '// &
          'or in the current folder', shapes_samples=.false.))
-      call visitor%visit(self%factor, about('factor', &
+      call visitor%visit(self%factor, entry_type('factor', &
          'factor of the force, its square that of psd; one or several, each a case', &
-         rule=positive, used=self%kind == 'file' .or. self%kind == 'psd'), default=[1.0_wp])
-      call visitor%visit(self%dof, about('dof', 'the forced dof; 0: the last', &
+         rule=positive, is_used=self%kind == 'file' .or. self%kind == 'psd'), default=[1.0_wp])
+      call visitor%visit(self%dof, entry_type('dof', 'the forced dof; 0: the last', &
          rule=not_negative))
-      call visitor%visit(self%base, about('base', &
+      call visitor%visit(self%base, entry_type('base', &
          'the force is a ground acceleration [m/s^2], of all dofs alike or of each by load; '// &
          'motion is relative to the ground'))
-      call visitor%visit(self%per_sample, about('per_sample', &
+      call visitor%visit(self%per_sample, entry_type('per_sample', &
          'each sample has its own force record; else only the friction differs'))
    end subroutine visit_excitation
 
@@ -193,24 +178,24 @@ contains
       type(integration_settings), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
 
-      call visitor%visit(self%method, about('method', &
+      call visitor%visit(self%method, entry_type('method', &
          'newmark: the scheme of Sec. 3; event: the exact march', choices='newmark event'))
-      call visitor%visit(self%dt, about('dt', 'time step', 's', positive))
-      call visitor%visit(self%n_steps, about('n_steps', &
+      call visitor%visit(self%dt, entry_type('dt', 'time step', 's', positive))
+      call visitor%visit(self%n_steps, entry_type('n_steps', &
          'time steps; 0: as many as a force file has', rule=between(0.0_wp, 2.0e9_wp)))
-      call visitor%visit(self%n_discard, about('n_discard', &
+      call visitor%visit(self%n_discard, entry_type('n_discard', &
          'first steps, left out of all statistics', rule=not_negative))
-      call visitor%visit(self%max_halvings, about('max_halvings', &
+      call visitor%visit(self%max_halvings, entry_type('max_halvings', &
          'newmark: steps with a transition are halved down to dt/2^max_halvings', &
-         rule=between(0.0_wp, real(most_halvings, wp)), used=self%method == 'newmark'))
-      call visitor%visit(self%beta, about('beta', "newmark: the scheme's beta", &
-         rule=between(0.0_wp, 0.5_wp), used=self%method == 'newmark'))
-      call visitor%visit(self%gamma, about('gamma', &
+         rule=between(0.0_wp, real(most_halvings, wp)), is_used=self%method == 'newmark'))
+      call visitor%visit(self%beta, entry_type('beta', "newmark: the scheme's beta", &
+         rule=between(0.0_wp, 0.5_wp), is_used=self%method == 'newmark'))
+      call visitor%visit(self%gamma, entry_type('gamma', &
          "newmark: the scheme's gamma; 0.5 adds no damping", rule=between(0.5_wp, 1.0_wp), &
-         used=self%method == 'newmark'))
-      call visitor%visit(self%tolerance, about('tolerance', &
+         is_used=self%method == 'newmark'))
+      call visitor%visit(self%tolerance, entry_type('tolerance', &
          'event: error of a displacement relative to its rms', rule=inside(0.0_wp, 1.0_wp), &
-         used=self%method == 'event'))
+         is_used=self%method == 'event'))
    end subroutine visit_integration
 
 end module config_groups_motion

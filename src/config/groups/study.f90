@@ -2,7 +2,7 @@
 !> how accurate they are to be, and what is kept of them.
 module config_groups_study
    use campaign_plan, only: accuracy_settings, output_settings
-   use config_text_value_table, only: about, between, choice_length, inside, not_negative, &
+   use config_text_value_table, only: between, choice_length, entry_type, inside, not_negative, &
       visitor_type
    use core_kinds, only: long, wp
    implicit none(type, external)
@@ -38,10 +38,11 @@ contains
       type(heading_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
 
-      call visitor%visit_text(self%title, about('title', &
+      call visitor%visit_text(self%title, entry_type('title', &
          'title of the results; empty: the name of the scene file', &
          shapes_samples=.false.))
-      call visitor%visit(self%seed, about('seed', 'seed of all random streams, any whole number'))
+      call visitor%visit(self%seed, entry_type('seed', &
+         'seed of all random streams, any whole number'))
    end subroutine visit_scene
 
    !> Visits the table of &campaign.
@@ -49,17 +50,17 @@ contains
       type(campaign_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
 
-      call visitor%visit(self%n_samples, about('n_samples', &
+      call visitor%visit(self%n_samples, entry_type('n_samples', &
          'samples of each case with random friction; 0: no such case', rule=not_negative, &
          shapes_samples=.false.))
-      call visitor%visit(self%deterministic, about('deterministic', &
+      call visitor%visit(self%deterministic, entry_type('deterministic', &
          'also one case without uncertainty per level of the force, before the others, with '// &
          'chain%friction or else process%mean', shapes_samples=.false.))
-      call visitor%visit(self%estimator, about('estimator', &
+      call visitor%visit(self%estimator, entry_type('estimator', &
          'of statistics over samples: regression over cases of one force (pooled, 600 samples '// &
          'at most), over each case, or plain', shapes_samples=.false., &
          choices='pooled regression plain'))
-      call visitor%visit(self%walltime, about('walltime', &
+      call visitor%visit(self%walltime, entry_type('walltime', &
          'stop between samples after this time; 0: no limit', 'min', not_negative, &
          shapes_samples=.false.))
    end subroutine visit_campaign
@@ -69,19 +70,19 @@ contains
       type(accuracy_settings), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
 
-      call visitor%visit(self%target_slip_points, about('target_slip_points', &
+      call visitor%visit(self%target_slip_points, entry_type('target_slip_points', &
          'wanted numerical error of slip fractions, in percentage points; 0: no target', '%', &
          not_negative, shapes_samples=.false.))
-      call visitor%visit(self%target_band_ratio, about('target_band_ratio', &
+      call visitor%visit(self%target_band_ratio, entry_type('target_band_ratio', &
          'wanted relative numerical error of band ratios; 0: no target', rule=not_negative, &
          shapes_samples=.false.))
-      call visitor%visit(self%target_statistical, about('target_statistical', &
+      call visitor%visit(self%target_statistical, entry_type('target_statistical', &
          'wanted standard error of mean slip fractions, in percentage points; 0: no target', '%', &
          not_negative, shapes_samples=.false.))
-      call visitor%visit(self%sample_until_met, about('sample_until_met', &
+      call visitor%visit(self%sample_until_met, entry_type('sample_until_met', &
          'add n_samples at a time until target_statistical is met', &
          shapes_samples=.false.))
-      call visitor%visit(self%audit, about('audit', &
+      call visitor%visit(self%audit, entry_type('audit', &
          'share of the samples that the reference method repeats, to measure the numerical '// &
          'error', &
          rule=between(0.0_wp, 1.0_wp), shapes_samples=.false.))
@@ -92,26 +93,26 @@ contains
       type(output_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
 
-      call visitor%visit_choices(self%quantities, about('quantities', &
+      call visitor%visit_choices(self%quantities, entry_type('quantities', &
          'results to compute and keep', &
          choices='slip spectrum energy history realizations transitions'), &
          default=[character(choice_length) :: 'slip', 'spectrum'])
-      call visitor%visit(self%dofs, about('dofs', &
+      call visitor%visit(self%dofs, entry_type('dofs', &
          'dofs with spectra and histories, ascending; 0: all', rule=not_negative, &
-         used=self%keeps('spectrum') .or. self%keeps('history')), default=[0])
-      call visitor%visit(self%percentiles, about('percentiles', &
+         is_used=self%keeps('spectrum') .or. self%keeps('history')), default=[0])
+      call visitor%visit(self%percentiles, entry_type('percentiles', &
          'percentiles of all statistics over samples, ascending', '%', inside(0.0_wp, 100.0_wp), &
          shapes_samples=.false.), default=[5.0_wp, 95.0_wp])
-      call visitor%visit(self%segment_length, about('segment_length', &
+      call visitor%visit(self%segment_length, entry_type('segment_length', &
          'steps of a Welch segment of the spectra; at most all steps', &
-         rule=between(8.0_wp, 1.0e8_wp), used=self%keeps('spectrum')))
-      call visitor%visit(self%spectrum_every, about('spectrum_every', &
+         rule=between(8.0_wp, 1.0e8_wp), is_used=self%keeps('spectrum')))
+      call visitor%visit(self%spectrum_every, entry_type('spectrum_every', &
          'every n-th step enters the spectra; 0: n is chosen, and stated in the results', &
-         rule=not_negative, used=self%keeps('spectrum')))
-      call visitor%visit(self%samples, about('samples', &
+         rule=not_negative, is_used=self%keeps('spectrum')))
+      call visitor%visit(self%samples, entry_type('samples', &
          'keep the spectra and slip series of every sample; '// &
          'else only their statistics, and no samples can be added later', &
-         used=self%keeps('spectrum')))
+         is_used=self%keeps('spectrum')))
    end subroutine visit_output
 
    pure logical function keeps(self, quantity)

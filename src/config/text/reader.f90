@@ -5,7 +5,8 @@ module config_text_reader
    use config_text_document, only: document_type
    use config_text_slots, only: find_slots
    use config_text_tokens, only: token_word
-   use config_text_value_table, only: entry_type, name_length, word_type
+   use config_text_value_table, only: choice_length, choices_of, entry_type, name_length, &
+      word_type
    use core_kinds, only: long, wp
    use core_text, only: lowered, nearest_name, parse_integer, parse_real, suggestion, to_text
    implicit none(type, external)
@@ -149,7 +150,7 @@ contains
          if (size(words) > 0) found(i) = words(min(i, size(words)))
          if (slots(i) == 0) cycle
          call convert(self, slots(i), entry, word, rule)
-         if (entry%n_choices > 0 .and. any([(found(j)%text == word, j=1, i - 1)])) &
+         if (entry%choices /= '' .and. any([(found(j)%text == word, j=1, i - 1)])) &
             rule = 'is named twice'
          if (.not. allocated(rule)) then
             found(i)%text = word
@@ -200,7 +201,7 @@ contains
          ! the shell takes the quotes of the command line away
          if (self%tokens(slot)%source == 1 .or. self%tokens(slot)%kind /= token_word) &
             call take_quotes(word, rule)
-         if (entry%n_choices > 0 .and. .not. allocated(rule)) call choose(entry, word, rule)
+         if (entry%choices /= '' .and. .not. allocated(rule)) call choose(entry, word, rule)
       end select
       if (.not. (allocated(rule) .or. entry%rule%admits(number))) &
          rule = 'must be '//entry%rule%text()
@@ -232,16 +233,18 @@ contains
       type(entry_type), intent(in) :: entry
       character(:), allocatable, intent(inout) :: word
       character(:), allocatable, intent(out) :: rule
+      character(choice_length), allocatable :: choices(:)
       character(:), allocatable :: nearest
       integer :: i
 
-      do i = 1, entry%n_choices
-         if (lowered(word) /= lowered(trim(entry%choices(i)))) cycle
-         word = trim(entry%choices(i))
+      choices = choices_of(entry%choices)
+      do i = 1, size(choices)
+         if (lowered(word) /= lowered(trim(choices(i)))) cycle
+         word = trim(choices(i))
          return
       end do
       rule = 'must be '//entry%choices_text()
-      nearest = nearest_name(lowered(word), entry%choices(:entry%n_choices))
+      nearest = nearest_name(lowered(word), choices)
       if (nearest /= '') rule = rule//", did you mean '"//trim(nearest)//"'?"
    end subroutine choose
 

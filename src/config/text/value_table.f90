@@ -8,10 +8,10 @@ module config_text_value_table
    implicit none(type, external)
    private
    public :: entry_type, rule_type, visitor_type, word_type
-   public :: about, between, inside, not_negative, positive
+   public :: between, choices_of, inside, not_negative, positive
    public :: choice_length, name_length
 
-   integer, parameter :: name_length = 24, choice_length = 16, doc_length = 128
+   integer, parameter :: name_length = 24, choice_length = 16, doc_length = 132
 
    !> The interval that a number must lie in.
    type :: rule_type
@@ -31,8 +31,7 @@ module config_text_value_table
       character(doc_length) :: doc = ''
       character(8) :: unit = ''
       type(rule_type) :: rule
-      character(choice_length) :: choices(8) = ''   !! texts: the ones to choose from
-      integer :: n_choices = 0                      !! 0: any text
+      character(64) :: choices = ''   !! texts to choose from, with blanks between; '': any text
       integer :: length = 0                         !! lists: the number of values; 0: any
       integer :: per_dof = -1                       !! lists: dofs; one value stands for all
       logical :: is_list = .false.
@@ -206,54 +205,34 @@ contains
       read (word%text, *) number
    end function number_in
 
-   !> An entry of a table.
-   pure function about(name, doc, unit, rule, choices, length, required, shapes_samples, used) &
-      result(entry)
-      character(*), intent(in) :: name, doc
-      character(*), intent(in), optional :: unit
-      type(rule_type), intent(in), optional :: rule
-      character(*), intent(in), optional :: choices   !! separated by blanks
-      integer, intent(in), optional :: length
-      logical, intent(in), optional :: required, shapes_samples, used
-      type(entry_type) :: entry
-
-      if (len(doc) > doc_length) error stop 'about: the meaning is too long to be shown whole'
-      entry%name = name
-      entry%doc = doc
-      if (present(unit)) entry%unit = unit
-      if (present(rule)) entry%rule = rule
-      if (present(choices)) call split_choices(choices, entry)
-      if (present(length)) entry%length = length
-      if (present(required)) entry%is_required = required
-      if (present(shapes_samples)) entry%shapes_samples = shapes_samples
-      if (present(used)) entry%is_used = used
-   end function about
-
-   pure subroutine split_choices(choices, entry)
-      character(*), intent(in) :: choices
-      type(entry_type), intent(inout) :: entry
+   !> The texts to choose from.
+   pure function choices_of(text) result(choices)
+      character(*), intent(in) :: text   !! with blanks between
+      character(choice_length), allocatable :: choices(:)
       integer :: first, last
 
+      choices = [character(choice_length) ::]
       first = 1
-      do while (first <= len(choices))
-         last = index(choices(first:)//' ', ' ') + first - 2
-         entry%n_choices = entry%n_choices + 1
-         entry%choices(entry%n_choices) = choices(first:last)
+      do while (first <= len_trim(text))
+         last = index(text(first:)//' ', ' ') + first - 2
+         choices = [character(choice_length) :: choices, text(first:last)]
          first = last + 2
       end do
-   end subroutine split_choices
+   end function choices_of
 
    !> 'one', 'another' or 'a third'.
    pure function choices_text(self) result(text)
       class(entry_type), intent(in) :: self
       character(:), allocatable :: text
+      character(choice_length), allocatable :: choices(:)
       integer :: i
 
+      choices = choices_of(self%choices)
       text = ''
-      do i = 1, self%n_choices
-         if (i > 1 .and. i < self%n_choices) text = text//', '
-         if (i > 1 .and. i == self%n_choices) text = text//' or '
-         text = text//"'"//trim(self%choices(i))//"'"
+      do i = 1, size(choices)
+         if (i > 1 .and. i < size(choices)) text = text//', '
+         if (i > 1 .and. i == size(choices)) text = text//' or '
+         text = text//"'"//trim(choices(i))//"'"
       end do
    end function choices_text
 
