@@ -9,9 +9,8 @@ module random_search
    use core_random, only: label_of, new_stream, stream_type
    use numerics_elementary, only: log_cosh
    use numerics_nlopt, only: minimization_problem, minimize
-   use process_autoregressive_model, only: innovation_std
-   use process_autoregressive_sums, only: correlation_sums, length_gradient, &
-      sum_correlation
+   use process_autoregressive_model, only: autocovariance_of, innovation_std
+   use process_autoregressive_sums, only: correlation_sums, lag_sum_gradient, sum_correlation
    use process_entropy, only: gaussian_entropy
    implicit none(type, external)
    private
@@ -118,18 +117,24 @@ contains
       type(correlation_sums) :: sums
       type(error_type), allocatable :: error
       real(wp) :: length
-      integer :: i
+      real(wp), allocatable :: rho(:), weights(:)   ! (0:reach); (lag) of |K(m)|
+      integer :: i, last, m, reach
 
       values = out_of_reach
       if (present(jacobian)) jacobian = 0.0_wp
-      call sum_correlation(tanh(x), sums, error, &
-                           most_lags=least_reach + int(reach_per_length*maxval(self%length)))
+      reach = least_reach + int(reach_per_length*maxval(self%length))
+      call sum_correlation(tanh(x), sums, error, most_lags=reach)
       if (allocated(error)) return
+      allocate (rho(0:reach), source=autocovariance_of(tanh(x), reach))
+      last = max(size(x), findloc(abs(rho(1:)) > epsilon(1.0_wp), .true., 1, back=.true.))
       do i = 1, size(values)
          length = max(merge(sums%l0, sums%l1, self%correlation(i) == 'L0'), tiny(1.0_wp))
          values(i) = log(length/self%length(i))
-         if (present(jacobian)) &
-            jacobian(:, i) = length_gradient(self%correlation(i), tanh(x), sums)/length
+         if (.not. present(jacobian)) cycle
+         weights = sign(1.0_wp, rho(1:last))   ! d L0 = sum d|rho|
+         if (self%correlation(i) == 'L1') &    ! d L1 = sum (m - L1) d|rho|/(1 + L0)
+            weights = weights*[(m - sums%l1, m=1, last)]/(1.0_wp + sums%l0)
+         jacobian(:, i) = lag_sum_gradient(tanh(x), rho(:last), weights)/length
       end do
    end subroutine length_defect
 

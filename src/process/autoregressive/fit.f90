@@ -21,7 +21,7 @@ module process_autoregressive_fit
    use process_autoregressive_description, only: describe_ar
    use process_autoregressive_model, only: coefficients_of, innovation_std
    use process_autoregressive_search, only: both_lengths_maximum, find_maximum
-   use process_autoregressive_sums, only: correlation_sums, length_gradient, sum_correlation
+   use process_autoregressive_sums, only: correlation_sums, positive_gradient, sum_correlation
    use process_entropy, only: gaussian_entropy
    use process_model, only: lengths_of, process_model_type, process_request
    implicit none(type, external)
@@ -81,7 +81,7 @@ contains
          model%optimality = max(best%residual, missed)
          model%is_solved = model%optimality <= search_tolerance
       else
-         model%optimality = max(optimality_residual(request%correlation, kappa, sums), missed)
+         model%optimality = max(optimality_residual(request%correlation, kappa), missed)
          model%is_solved = sums%is_nonnegative .and. missed <= length_tolerance .and. &
                            model%optimality <= optimality_tolerance
       end if
@@ -267,23 +267,21 @@ contains
       end do
    end subroutine march_to_start
 
-   !> Residual of the entropy's gradient in atanh(kappa), which is -kappa, when its part along
-   !! the gradients of the lengths is taken away: largest component, relative to the largest of all.
-   pure function optimality_residual(correlation, kappa, sums) result(residual)
+   !> Residual of the entropy's gradient in atanh(kappa), which is -kappa, when its part along the
+   !> gradients of the lengths is taken away: largest component, relative to the largest of all.
+   pure function optimality_residual(correlation, kappa) result(residual)
       character(*), intent(in) :: correlation
-      real(wp), intent(in) :: kappa(:)
-      type(correlation_sums), intent(in) :: sums   !! of this very process
+      real(wp), intent(in) :: kappa(:)   !! with K(m) >= 0
       real(wp) :: residual
-      real(wp), allocatable :: slopes(:, :)   ! (length, variable)
+      real(wp) :: slopes(2, size(kappa))
+      integer :: first, last   ! of the imposed lengths
 
       residual = 0.0_wp
       if (.not. any(abs(kappa) > 0.0_wp)) return
-      slopes = reshape(length_gradient(merge('L1', 'L0', correlation == 'L1'), kappa, sums), &
-                       [1, size(kappa)])
-      if (correlation == 'both') &
-         slopes = reshape([slopes, length_gradient('L1', kappa, sums)], [2, size(kappa)], &
-                          order=[2, 1])
-      residual = maxval(abs(rest_of_gradient(kappa, slopes)))/maxval(abs(kappa))
+      slopes = positive_gradient(kappa)
+      first = merge(2, 1, correlation == 'L1')
+      last = merge(1, 2, correlation == 'L0')
+      residual = maxval(abs(rest_of_gradient(kappa, slopes(first:last, :))))/maxval(abs(kappa))
    end function optimality_residual
 
 end module process_autoregressive_fit

@@ -15,8 +15,7 @@ module process_autoregressive_search
    use numerics_lapack, only: unit_matrix
    use numerics_nlopt, only: minimization_problem, minimize
    use process_autoregressive_model, only: autocovariance_of, innovation_std
-   use process_autoregressive_sums, only: correlation_sums, lag_sum_gradient, length_gradient, &
-      sum_correlation
+   use process_autoregressive_sums, only: correlation_sums, lag_sum_gradient, sum_correlation
    use process_entropy, only: gaussian_entropy
    implicit none(type, external)
    private
@@ -58,7 +57,7 @@ contains
       integer, parameter :: max_evaluations = 400, max_passes = 12
       type(smoothed_problem) :: problem
       real(wp), dimension(size(start)) :: settled, x
-      real(wp) :: defect(2), gradients(size(start), 2), residual, unused(2, size(start))
+      real(wp) :: defect(2), gradients(size(start), 2), residual, unused(2)
       integer :: pass
       logical :: is_met
 
@@ -76,10 +75,10 @@ contains
       settled = x
       do pass = 1, max_passes
          call minimize(problem, farthest, close, max_evaluations, x, is_met)
-         call find_defect(x, length, second_length, defect, unused)
+         defect = defect_of(x, length, second_length)
          if (.not. maxval(abs(defect)) < 1.0_wp) exit
          ! of the entropy's gradient, without its parts along those of the smoothed lengths
-         call problem%equalities(x, unused(:, 1), gradients)
+         call problem%equalities(x, unused, gradients)
          residual = maxval(abs(rest_of_gradient(tanh(x), transpose(gradients)))) &
                     /maxval(abs(tanh(x)))
          if (maxval(abs(defect)) <= close .and. residual < best%residual) then
@@ -89,50 +88,48 @@ contains
          if (best%residual <= stationary) exit
          problem%lengths = problem%lengths*exp(-defect)
       end do
-      call lead_to_lengths(length, second_length, settled, best%is_feasible)
+      problem%width = tiny(1.0_wp)   ! the kinks themselves
+      call lead_to_lengths(problem, length, second_length, settled, best%is_feasible)
       best%kappa = tanh(settled)
       best%entropy = gaussian_entropy(innovation_std(best%kappa, 1.0_wp))
    end subroutine find_maximum
 
    !> Leads x to the lengths themselves by the shortest steps.
-   subroutine lead_to_lengths(length, second_length, x, is_met)
+   subroutine lead_to_lengths(problem, length, second_length, x, is_met)
+      type(smoothed_problem), intent(inout) :: problem   !! for gradients
       real(wp), intent(in) :: length, second_length
       real(wp), intent(inout) :: x(:)
       logical, intent(out) :: is_met
       real(wp), parameter :: met = 1.0e-9_wp   ! relative: where many K(m) are 0 less is reached
       integer, parameter :: max_steps = 40
-      real(wp) :: change(size(x)), defect(2), gradients(2, size(x)), unused(2)
+      real(wp) :: change(size(x)), defect(2), gradients(size(x), 2), unused(2)
       integer :: step
       logical :: is_regular
 
       do step = 1, max_steps
-         call find_defect(x, length, second_length, defect, gradients)
+         defect = defect_of(x, length, second_length)
          is_met = maxval(abs(defect)) <= close
          if (maxval(abs(defect)) <= met .or. .not. maxval(abs(defect)) < 1.0_wp) return
-         call step_to_maximum(unit_matrix(size(x)), gradients, 0.0_wp*x, defect, change, unused, &
-                              is_regular)
+         call problem%equalities(x, unused, gradients)
+         call step_to_maximum(unit_matrix(size(x)), transpose(gradients), 0.0_wp*x, defect, &
+                              change, unused, is_regular)
          if (.not. is_regular) return
          x = x + change
       end do
    end subroutine lead_to_lengths
 
-   !> Computes ln(length/wanted length) of both, summed to infinity, and its gradients; huge where
-   !> too many lags count.
-   subroutine find_defect(x, length, second_length, defect, gradients)
+   !> ln(length/wanted length) of both, summed to infinity; huge where too many lags count.
+   function defect_of(x, length, second_length) result(defect)
       real(wp), intent(in) :: x(:), length, second_length
-      real(wp), intent(out) :: defect(2), gradients(:, :)   !! (2, variable)
+      real(wp) :: defect(2)
       type(correlation_sums) :: sums
       type(error_type), allocatable :: error
 
       defect = huge(1.0_wp)
-      gradients = 0.0_wp
       call sum_correlation(tanh(x), sums, error)
       if (allocated(error)) return
-      if (.not. min(sums%l0, sums%l1) > 0.0_wp) return
-      defect = log([sums%l0, sums%l1]/[length, second_length])
-      gradients(1, :) = length_gradient('L0', tanh(x), sums)/sums%l0
-      gradients(2, :) = length_gradient('L1', tanh(x), sums)/sums%l1
-   end subroutine find_defect
+      if (min(sums%l0, sums%l1) > 0.0_wp) defect = log([sums%l0, sums%l1]/[length, second_length])
+   end function defect_of
 
    !> Computes - 0.5 sum ln(1 - kappa^2) = sum ln cosh x, scaled, and its gradient.
    subroutine entropy_lost(self, x, value, gradient)

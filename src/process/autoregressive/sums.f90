@@ -8,9 +8,9 @@
 !> positive pole outlives all others only finitely many lags are negative, and only they are left to
 !> add. Otherwise the moduli are summed until Cauchy's estimate bounds what is left.
 !>
-!> Derivatives of the lengths are with respect to atanh(kappa_m). The lags that were marched through
-!> are differentiated backwards, lag by lag and order by order (the adjoint of Levinson's
-!> recursion), at the cost of two marches; closed forms are differentiated as such.
+!> Derivatives are with respect to atanh(kappa_m). Closed forms are differentiated as such; sums
+!> over lags backwards, lag by lag and order by order (the adjoint of Levinson's recursion), at the
+!> cost of two marches.
 module process_autoregressive_sums
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
@@ -22,16 +22,14 @@ module process_autoregressive_sums
    implicit none(type, external)
    private
    public :: correlation_sums, sum_correlation, positive_sums, log_spectral_ratios
-   public :: lag_sum_gradient, length_gradient
+   public :: lag_sum_gradient, positive_gradient
 
    !> Infinite sums of one process.
    type :: correlation_sums
       real(wp) :: l0 = 0.0_wp                 !! Eq. (8) [lags]
       real(wp) :: l1 = 0.0_wp                 !! Eq. (9) [lags]
       logical :: is_nonnegative = .false.     !! K(m) >= 0 at every lag, or its mirror image is
-      logical :: is_mirrored = .false.        !! (-1)^m K(m) was summed instead
-      logical :: is_closed = .false.          !! closed forms; n_lags: negative ones
-      integer :: n_lags = 0                   !! lags that were marched through one by one
+      integer :: n_lags = 0                   !! that were marched through one by one
    end type correlation_sums
 
    real(wp), parameter :: remainder = 1.0e-18_wp     !! of sum m |rho(m)|, left out at most
@@ -64,13 +62,11 @@ contains
       call find_polynomial_roots(coefficients_of(folded(:order)), poles, error)
       if (allocated(error)) return
       if (poles(1)%re < 0.0_wp .and. .not. abs(poles(1)%im) > 0.0_wp) then
-         sums%is_mirrored = .true.   ! it has the same sums
-         folded = mirror(kappa)
+         folded(1::2) = -kappa(1::2)   ! (-1)^m K(m) has the same sums
          poles = -poles
       end if
       n_certain = first_lag_of_one_sign(folded(:order), poles)
       n_negligible = first_negligible_lag(folded(:order), poles)
-      sums%is_closed = n_certain <= n_negligible
       if (.not. min(n_certain, n_negligible) < limit) then
          call raise(error, exit_no_solution, 'correlation length of an autoregressive process '// &
                     'of order '//to_text(order)//' with largest pole '//to_text(abs(poles(1)))// &
@@ -78,17 +74,8 @@ contains
          return
       end if
       sums%n_lags = ceiling(min(n_certain, n_negligible))
-      call march(folded(:order), sums)
+      call march(folded(:order), n_certain <= n_negligible, sums)
    end subroutine sum_correlation
-
-   !> Reflection coefficients of the process with (-1)^m K(m).
-   pure function mirror(kappa) result(mirrored)
-      real(wp), intent(in) :: kappa(:)
-      real(wp) :: mirrored(size(kappa))
-
-      mirrored = kappa
-      mirrored(1::2) = -kappa(1::2)
-   end function mirror
 
    !> ln R_m, m = 0..order: R_m is the spectral density at frequency 0 over the variance, order m.
    pure function log_spectral_ratios(kappa) result(log_r)
@@ -117,9 +104,10 @@ contains
    end function positive_sums
 
    !> Adds the lags one by one: all moduli, or the negative ones beside the closed forms.
-   pure subroutine march(kappa, sums)
+   pure subroutine march(kappa, is_closed, sums)
       real(wp), intent(in) :: kappa(:)
-      type(correlation_sums), intent(inout) :: sums   !! n_lags and is_closed are set
+      logical, intent(in) :: is_closed   !! no lag after these is negative
+      type(correlation_sums), intent(inout) :: sums   !! n_lags is set
       type(correlation_sums) :: signed
       real(wp) :: moment, negative, total
       real(wp) :: mirrored   ! what of (-1)^m K(m) is negative
@@ -136,11 +124,11 @@ contains
       do m = 1, ubound(rho, 1)
          if (rho(m) < 0.0_wp) negative = negative - rho(m)
          if (rho(m) < 0.0_wp .neqv. modulo(m, 2) == 1) mirrored = mirrored + abs(rho(m))
-         if (sums%is_closed .and. rho(m) >= 0.0_wp) cycle
-         total = total + merge(2, 1, sums%is_closed)*abs(rho(m))
-         moment = moment + merge(2, 1, sums%is_closed)*m*abs(rho(m))
+         if (is_closed .and. rho(m) >= 0.0_wp) cycle
+         total = total + merge(2, 1, is_closed)*abs(rho(m))
+         moment = moment + merge(2, 1, is_closed)*m*abs(rho(m))
       end do
-      if (sums%is_closed) then
+      if (is_closed) then
          signed = positive_sums(kappa)
          total = total + signed%l0
          moment = moment + signed%l1*(1.0_wp + signed%l0)
@@ -148,7 +136,7 @@ contains
       sums%l0 = total
       sums%l1 = moment/(1.0_wp + sums%l0)
       ! rounding leaves signs to lags that are zero
-      if (.not. sums%is_closed) negative = min(negative, mirrored)
+      if (.not. is_closed) negative = min(negative, mirrored)
       sums%is_nonnegative = negative <= 100*epsilon(1.0_wp)*sums%l0
    end subroutine march
 
@@ -213,55 +201,24 @@ contains
               - sum(log(abs(1.0_wp - abs(poles)/radius))) - sum(log(1.0_wp - abs(poles)*radius))
    end function log_bound
 
-   !> Gradient of L0 or L1. Where a K(m) is zero the length has a kink, and this is one side's
-   !! slope.
-   pure function length_gradient(correlation, kappa, sums) result(gradient)
-      character(*), intent(in) :: correlation      !! 'L0' or 'L1'
-      real(wp), intent(in) :: kappa(:)             !! kappa_m, m = 1..order
-      type(correlation_sums), intent(in) :: sums   !! of this very process
-      real(wp) :: gradient(size(kappa))            !! d length/d atanh(kappa_m)
-      real(wp) :: constant, folded(size(kappa)), slope
-      real(wp), allocatable :: rho(:), weights(:)
-      integer :: m
-
-      ! d L0 = sum d|rho|,  d L1 = sum (m - L1) d|rho|/(1 + L0)
-      constant = 1.0_wp
-      slope = 0.0_wp
-      if (correlation == 'L1') then
-         constant = -sums%l1/(1.0_wp + sums%l0)
-         slope = 1.0_wp/(1.0_wp + sums%l0)
-      end if
-      folded = kappa
-      if (sums%is_mirrored) folded = mirror(kappa)
-      allocate (rho(0:max(sums%n_lags, size(kappa))))
-      rho(:) = autocovariance_of(folded, ubound(rho, 1))
-      weights = [(constant + slope*m, m=1, ubound(rho, 1))]   ! of |rho(m)|
-      if (sums%is_closed) then                                ! which negative ones add twice
-         weights = merge(-2.0_wp*weights, 0.0_wp, rho(1:) < 0.0_wp)
-      else
-         weights = merge(-weights, weights, rho(1:) < 0.0_wp)
-      end if
-      gradient = lag_sum_gradient(folded, rho, weights)
-      if (sums%is_closed) gradient = gradient + closed_gradient(folded, constant, slope)
-      if (sums%is_mirrored) gradient = mirror(gradient)
-   end function length_gradient
-
-   !> Gradient in atanh(kappa) of sum (constant + slope m) rho(m), signed and infinite.
-   pure function closed_gradient(kappa, constant, slope) result(gradient)
-      real(wp), intent(in) :: kappa(:), constant, slope
-      real(wp) :: gradient(size(kappa))
+   !> Gradients in atanh(kappa) of L0 and L1 where K(m) >= 0 at every lag, one a row.
+   pure function positive_gradient(kappa) result(gradient)
+      real(wp), intent(in) :: kappa(:)   !! kappa_m, m = 1..order
+      real(wp) :: gradient(2, size(kappa))
+      type(correlation_sums) :: sums
       real(wp) :: log_r(0:size(kappa)), moment, v(0:size(kappa) - 1)
       integer :: j, order
 
       order = size(kappa)
+      sums = positive_sums(kappa)
       log_r = log_spectral_ratios(kappa)
       v = log_r(order) - log_r(:order - 1)
       moment = sum(sinh(v))
       do j = 1, order
          moment = moment + cosh(v(j - 1))
-         gradient(j) = -exp(log_r(order))*(constant + slope*moment)
+         gradient(:, j) = -exp(log_r(order))*[1.0_wp, (moment - sums%l1)/(1.0_wp + sums%l0)]
       end do
-   end function closed_gradient
+   end function positive_gradient
 
    !> Gradient in atanh(kappa) of sum weights(m) rho(m).
    pure function lag_sum_gradient(kappa, rho, weights) result(gradient)
