@@ -33,7 +33,8 @@ module process_positive_kernel
       real(wp) :: acceptance_ratio = 1.0_wp, acceptance_mean = 1.0_wp, acceptance_geometric = 1.0_wp
       real(wp), allocatable :: nodes(:)          !! (node)
       real(wp), allocatable :: ahead(:)          !! (node) see `model%weights`
-      real(wp), allocatable, private :: kernel(:, :)    !! (node, node), its Perron value is 1
+      !> (node, node), its Perron value is 1 and taken out: the mean
+      real(wp), allocatable, private :: kernel(:, :)
       real(wp), allocatable, private :: deviation(:)    !! (node) (x - mean) times Perron's vector
    contains
       procedure :: autocovariance
@@ -84,9 +85,12 @@ contains
       end if
       law%kernel = law%kernel/perron
       law%ahead = sqrt(weights)*exp(part)*max(vector, 0.0_wp)
+      do i = 1, size(vector)
+         law%kernel(:, i) = law%kernel(:, i) - vector*vector(i)
+      end do
       call describe_sums(law, vector, error)
       if (allocated(error)) return
-      if (r < 0.0_wp) law%memory = decay_of(law, vector)
+      if (r < 0.0_wp) law%memory = decay_of(law)
       log_perron = log(perron) + 2.0_wp*log_scale
       if (.not. is_sequential) then
          call describe_partition(law, log_perron)
@@ -175,21 +179,18 @@ contains
    end subroutine lay_alternating_nodes
 
    !> Modulus of the second eigenvalue.
-   pure function decay_of(law, perron) result(decay)
+   pure function decay_of(law) result(decay)
       type(first_order_law), intent(in) :: law
-      real(wp), intent(in) :: perron(:)   !! (node) the first eigenvector, of norm 1
       real(wp) :: decay
       integer, parameter :: n_powers = 60
-      real(wp) :: next(size(perron)), vector(size(perron))
+      real(wp) :: vector(size(law%deviation))
       integer :: m
 
-      vector = law%deviation/norm2(law%deviation)
+      vector = law%deviation
       do m = 1, n_powers
-         next = matmul(law%kernel, vector)
-         next = next - perron*dot_product(perron, next)
-         decay = norm2(next)
-         vector = next/decay
+         vector = matmul(law%kernel, vector/norm2(vector))
       end do
+      decay = norm2(vector)
    end function decay_of
 
    !> Finds the largest eigenvalue and its vector, the only one of one sign: by inverse iteration
@@ -241,7 +242,7 @@ contains
       variance = sum(law%deviation**2)
       law%std = sqrt(variance)
       do i = 1, size(vector)
-         matrix(:, i) = vector*vector(i) - sign(1.0_wp, law%r)*law%kernel(:, i)
+         matrix(:, i) = -sign(1.0_wp, law%r)*law%kernel(:, i)
          matrix(i, i) = matrix(i, i) + 1.0_wp
       end do
       z(:, 1) = law%deviation
