@@ -260,7 +260,11 @@ contains
       call visitor%visit(component('memory'), model%memory)
       call visitor%visit(component('branch'), model%branch)
       if (allocated(model%branch)) then
-         first_sign = sign_of_first_lag(model%autocovariance)
+         first_sign = 0
+         if (allocated(model%autocovariance)) then   ! else damaged
+            if (size(model%autocovariance) > 1) &
+               first_sign = nint(sign(1.0_wp, model%autocovariance(1)))
+         end if
          call visitor%visit(component('sign_of_first_lag'), first_sign)
          call visitor%visit(component('nonnegative_entropy', 'nat', &
                               'entropy per point of the other law''s process with K(m) >= 0, a '// &
@@ -274,15 +278,6 @@ contains
       call visitor%visit(component('other_entropy', 'nat', 'entropy per point'//same), &
                          model%other_entropy)
    end subroutine visit_positive
-
-   !> Sign of K(1); 0 where a damaged process has none.
-   pure integer function sign_of_first_lag(autocovariance) result(first_sign)
-      real(wp), allocatable, intent(in) :: autocovariance(:)   !! from lag 0
-
-      first_sign = 0
-      if (.not. allocated(autocovariance)) return
-      if (size(autocovariance) > 1) first_sign = nint(sign(1.0_wp, autocovariance(1)))
-   end function sign_of_first_lag
 
    subroutine visit_entropies(visitor, model)
       class(component_visitor), intent(inout) :: visitor
