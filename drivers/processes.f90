@@ -14,7 +14,7 @@ module driver_processes
    use process_components, only: component, component_visitor, forget_components, visit_components
    use process_direct_constraint, only: constraint_of
    use process_direct_fit, only: check_by_inversion, count_parts
-   use process_direct_sign_search, only: add_search, restore_search, search_all_signs, search_result
+   use process_direct_sign_search, only: restore_search, search_all_signs, search_result
    use process_fit, only: fit_from_search, fit_process
    use process_model, only: process_model_type, process_request
    use process_scaling, only: carry_over, first_of_fit, unit_request
@@ -159,14 +159,14 @@ contains
       logical, intent(in) :: stops   !! before the first part, for an error of this rank
       logical, intent(in) :: is_quiet
       type(process_model_type), intent(out) :: model
-      type(search_result) :: found, search   ! of a part; of all that this rank has taken
+      type(search_result) :: search          ! of all parts that this rank has taken
       type(work_counter) :: counter
       type(progress_type) :: progress
       real(wp), allocatable :: numbers(:)    ! of its solutions
       real(wp) :: finish, start, sums(3)
       integer :: part
 
-      call add_search(found, search)   ! empty: a rank may take no part
+      allocate (search%solutions(0))   ! a rank may take no part
       call new_counter(world, n_parts, counter)
       if (.not. is_quiet) call progress%start(n_parts, 0, 'parts of a process')
       do
@@ -174,10 +174,9 @@ contains
          if (part == 0) exit
          call progress%show(max(0, part - world%n_ranks))
          call cpu_time(start)
-         call search_all_signs(constraint_of(request), part, n_parts, found)
+         call search_all_signs(constraint_of(request), part, n_parts, search)
          call cpu_time(finish)
-         found%seconds = finish - start
-         call add_search(found, search)
+         search%seconds = search%seconds + finish - start
       end do
       call counter%close()
       call progress%finish()

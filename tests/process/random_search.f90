@@ -114,6 +114,7 @@ contains
       real(wp), intent(in) :: x(:)
       real(wp), intent(out) :: values(:)
       real(wp), optional, intent(out) :: jacobian(:, :)
+      real(wp), parameter :: negligible = 1.0e-10_wp   ! of K(m)/K(0), in a gradient
       type(correlation_sums) :: sums
       type(error_type), allocatable :: error
       real(wp) :: length
@@ -125,8 +126,10 @@ contains
       reach = least_reach + int(reach_per_length*maxval(self%length))
       call sum_correlation(tanh(x), sums, error, most_lags=reach)
       if (allocated(error)) return
-      allocate (rho(0:reach), source=autocovariance_of(tanh(x), reach))
-      last = max(size(x), findloc(abs(rho(1:)) > epsilon(1.0_wp), .true., 1, back=.true.))
+      if (present(jacobian)) then
+         allocate (rho(0:reach), source=autocovariance_of(tanh(x), reach))
+         last = max(size(x), findloc(abs(rho(1:)) > negligible, .true., 1, back=.true.))
+      end if
       do i = 1, size(values)
          length = max(merge(sums%l0, sums%l1, self%correlation(i) == 'L0'), tiny(1.0_wp))
          values(i) = log(length/self%length(i))

@@ -11,7 +11,7 @@ module process_direct_fit
    use process_autoregressive_description, only: describe_ar
    use process_autoregressive_fit, only: fit_ar
    use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
-   use process_autoregressive_spectral_factor, only: equivalent_process, symbol_of_process
+   use process_autoregressive_spectral_factor, only: symbol_of_process
    use process_autoregressive_sums, only: correlation_sums, positive_sums, sum_correlation
    use process_correlation, only: constraint_weights, correlation_length
    use process_direct_constraint, only: constraint_of, length_constraint
@@ -24,15 +24,15 @@ module process_direct_fit
    implicit none(type, external)
    private
    public :: fit_direct, fit_unconstrained, count_parts, conclude_direct, check_by_inversion
-   public :: coefficients_of_solution, direct_symbol, integer_signs, list_solutions, mirror_image, &
-      mirrored
+   public :: integer_signs, list_solutions, mirror_image, mirrored
 
    character(*), parameter :: every_sequence = 'all sequences'
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp
 
 contains
 
-   !> Solves for the process without sign constraint, by the request's method.
+   !> Solves for the process without sign constraint, by the request's method. Beside a positive one
+   !> a few sequences of signs are enough.
    subroutine fit_unconstrained(request, model, error)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
@@ -41,6 +41,7 @@ contains
 
       if (request%method == 'direct') then
          unsigned = request
+         unsigned%all_signs = request%all_signs .and. .not. request%positive
          unsigned%positive = .false.
          call fit_direct(unsigned, model)
          if (.not. model%is_solved) call raise(error, exit_no_solution, model%reason)
@@ -67,13 +68,8 @@ contains
          model%reason = reason_of_failure(request, is_certain=.true.)
          return
       end if
-      if (request%all_signs) then
-         call search_all_signs(constraint_of(request), 1, 1, search)
-         call conclude_direct(request, search, model)
-         return
-      end if
       constraint = constraint_of(request)
-      call search_as_affordable(constraint, search, is_certain, how)
+      call search_as_affordable(constraint, request%all_signs, search, is_certain, how)
       call describe_winner(request, search, how, is_certain, model)
       if (is_certain .or. .not. model%is_solved) return
       call limit_of_entropy(constraint, model%entropy_ceiling)
@@ -122,15 +118,15 @@ contains
          model%reason = reason_of_failure(request, is_certain)
          return
       end if
-      call describe(request, search%solutions(1), model)
+      do i = 1, size(solutions)
+         solutions(i) = mirrored(search%solutions(i))
+      end do
+      call describe(request, solutions(1), model)
       model%request = request
       model%search = how
       model%n_examined = int(search%n_examined)
       model%n_consistent = int(search%n_consistent)
       model%entropy_ceiling = model%entropy
-      do i = 1, size(solutions)
-         solutions(i) = mirrored(search%solutions(i))
-      end do
       solutions%lambda_3 = solutions%lambda_3/request%std**2
       solutions%entropy = solutions%entropy + log(request%std)
       call list_solutions(solutions, model)
@@ -149,10 +145,12 @@ contains
       model%solutions_entropy = solutions%entropy
    end subroutine list_solutions
 
-   !> Searches all sequences where they are few; else likely ones, and all after them where one has
-   !> been found, theory does not know it for the best and there are not many more.
-   subroutine search_as_affordable(constraint, search, is_certain, how)
+   !> Searches all sequences where that is asked for or they are few; else likely ones, and all
+   !> after them where one has been found, theory does not know it for the best and there are not
+   !> many more.
+   subroutine search_as_affordable(constraint, all_signs, search, is_certain, how)
       type(length_constraint), intent(in) :: constraint
+      logical, intent(in) :: all_signs
       type(search_result), intent(out) :: search
       logical, intent(out) :: is_certain                 !! no sequence has more entropy
       character(:), allocatable, intent(out) :: how
@@ -162,7 +160,7 @@ contains
       integer(long) :: affordable
 
       affordable = most_sequences/(1 + size(constraint%penalized)/4)
-      if (count_sequences(constraint) > affordable) then
+      if (count_sequences(constraint) > affordable .and. .not. all_signs) then
          call search_structured(constraint, best)
          is_certain = is_all_plus_best(constraint)
          if (is_certain .or. .not. best%is_feasible .or. &
@@ -180,29 +178,24 @@ contains
    end subroutine search_as_affordable
 
    !> Fills the model from one solution, in the unit of X, and checks it anew from a_q and b0 alone.
-   subroutine describe(request, found, model)
+   subroutine describe(request, solution, model)
       type(process_request), intent(in) :: request
-      type(sequence_solution), intent(in) :: found   !! sigma_X = 1
+      type(sequence_solution), intent(in) :: solution   !! sigma_X = 1
       type(process_model_type), intent(out) :: model
-      type(sequence_solution) :: solution
       type(correlation_sums) :: sums
       type(error_type), allocatable :: error
-      real(wp), allocatable :: a(:), kappa(:)
+      real(wp), allocatable :: kappa(:)
 
-      solution = mirrored(found)
-      call coefficients_of_solution(request, solution, a, error)
-      if (.not. allocated(error)) then
-         kappa = reflection_of(a)
-         ! with every s_m = +1 and no lag penalized 1/g is a series in powers of a sum of cosines
-         ! with positive factors: all K(m) > 0
-         if (all(solution%s > 0.0_wp) .and. is_all_plus_best(constraint_of(request))) then
-            sums = positive_sums(kappa)
-         else
-            call sum_correlation(kappa, sums, error)
-         end if
+      kappa = reflection_of(solution%a)
+      ! with every s_m = +1 and no lag penalized 1/g is a series in powers of a sum of cosines with
+      ! positive factors: all K(m) > 0
+      if (all(solution%s > 0.0_wp) .and. is_all_plus_best(constraint_of(request))) then
+         sums = positive_sums(kappa)
+      else
+         call sum_correlation(kappa, sums, error)
       end if
       if (.not. allocated(error)) &
-         call describe_ar(a, request%std*innovation_std(kappa, 1.0_wp), model, error, sums)
+         call describe_ar(solution%a, request%std*innovation_std(kappa, 1.0_wp), model, error, sums)
       if (allocated(error)) then
          model%reason = error%message
          return
@@ -212,7 +205,7 @@ contains
       model%signs = integer_signs(solution%s)
       model%delta = solution%delta
       model%lambda_3 = solution%lambda_3/request%std**2
-      model%optimality = residual(request, solution, a)
+      model%optimality = residual(request, solution)
       ! those of the solution are right to rounding, where rounding of the a_q moves what they give
       model%entropy = solution%entropy + log(request%std)
       model%autocovariance(:request%order) = request%std**2*solution%correlation
@@ -222,61 +215,26 @@ contains
       if (.not. model%is_solved) model%reason = reason_of_inaccuracy(request, model%optimality)
    end subroutine describe
 
-   !> Computes a_q of a solution, from its spectral factor B where it has one, else from its symbol.
-   !> Fails where that is too near to zero to be factored.
-   pure subroutine coefficients_of_solution(request, solution, a, error)
+   !> Largest violation of: the length, lambda_3 = 1/(2 sigma^2), and the entries of G, Eqs. (23),
+   !> (28), (30): g_0 = 1 + delta a_0 (a factor 2 is missing there in print), g_m = delta a_m s_m/2
+   !> with s_m = sgn K(m), or anywhere between where K(m) = 0. The last ones relative to g_0.
+   !> Everything from the a_q.
+   pure function residual(request, solution) result(largest)
       type(process_request), intent(in) :: request
       type(sequence_solution), intent(in) :: solution
-      real(wp), allocatable, intent(out) :: a(:)
-      type(error_type), allocatable, intent(out) :: error
-      real(wp) :: unused
-      logical :: is_positive
-
-      if (allocated(solution%factor)) then
-         a = solution%factor(1:)/solution%factor(0)
-         return
-      end if
-      call equivalent_process(direct_symbol(request%correlation, request%correlation_length, &
-                                            solution%delta, 0.5_wp, solution%s), &
-                              a, unused, is_positive)
-      if (.not. is_positive) &
-         call raise(error, exit_no_solution, 'the symbol is too near to zero to be factored')
-   end subroutine coefficients_of_solution
-
-   !> Entries of the matrix G of Eqs. (23), (28), (30): G_n(n+m) = g_m, and its symbol's
-   !! coefficients. (Eq. (30) as printed lacks a factor 2 before delta a_0.)
-   pure function direct_symbol(correlation, length, delta, lambda_3, s) result(symbol)
-      character(*), intent(in) :: correlation    !! 'L0' or 'L1'
-      real(wp), intent(in) :: length             !! [lags]
-      real(wp), intent(in) :: delta, lambda_3
-      real(wp), intent(in) :: s(:)               !! s_m, m = 1..m_max; inside (-1, 1) where K(m) = 0
-      real(wp) :: symbol(0:size(s))
-      real(wp) :: weights(0:size(s))
-
-      weights = constraint_weights(correlation, length, size(s))
-      symbol(0) = 2.0_wp*lambda_3*(1.0_wp + delta*weights(0))
-      symbol(1:) = lambda_3*delta*weights(1:)*s
-   end function direct_symbol
-
-   !> Largest violation of: the length, lambda_3 = 1/(2 sigma^2), and g_m = delta a_m s_m/2 with s_m
-   !! = sgn K(m), or anywhere between where K(m) = 0. The last one relative to g_0. Everything from
-   !! the a_q.
-   pure function residual(request, solution, a) result(largest)
-      type(process_request), intent(in) :: request
-      type(sequence_solution), intent(in) :: solution
-      real(wp), intent(in) :: a(:)
       real(wp) :: largest
       real(wp), parameter :: zero = 1.0e-9_wp   ! of K(m)/K(0)
-      real(wp) :: kappa(size(a)), rho(0:size(a)), signs(size(a))
-      real(wp) :: symbol(0:size(a)), wanted(0:size(a))
+      real(wp), dimension(size(solution%s)) :: kappa, signs
+      real(wp), dimension(0:size(signs)) :: rho, symbol, wanted, weights
 
-      kappa = reflection_of(a)
-      rho = autocovariance_of(kappa, size(a))
-      symbol = symbol_of_process(a, innovation_std(kappa, 1.0_wp))
+      kappa = reflection_of(solution%a)
+      rho = autocovariance_of(kappa, size(kappa))
+      symbol = symbol_of_process(solution%a, innovation_std(kappa, 1.0_wp))
       signs = merge(max(-1.0_wp, min(1.0_wp, solution%s)), sign(1.0_wp, rho(1:)), &
                     abs(rho(1:)) <= zero)
       associate (length => request%correlation_length, definition => request%correlation)
-         wanted = direct_symbol(definition, length, solution%delta, 0.5_wp, signs)
+         weights = constraint_weights(definition, length, size(signs))
+         wanted = [1.0_wp + solution%delta*weights(0), 0.5_wp*solution%delta*weights(1:)*signs]
          largest = max(maxval(abs(symbol - wanted))/symbol(0), &
                        abs(2.0_wp*solution%lambda_3 - 1.0_wp), &
                        abs(correlation_length(definition, rho) - length)/max(length, tiny(length)))
@@ -307,7 +265,7 @@ contains
       turned = solution
       turned%s(1::2) = -turned%s(1::2)
       turned%correlation(1::2) = -turned%correlation(1::2)
-      if (allocated(turned%factor)) turned%factor(1::2) = -turned%factor(1::2)
+      turned%a(1::2) = -turned%a(1::2)
    end function mirror_image
 
    !> Signs as integers; 0 where K(m) = 0 is held by an s_m between the signs.

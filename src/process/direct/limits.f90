@@ -117,6 +117,7 @@ contains
          constraint = constraint_of(trial)
          is_smallest = count_sequences(constraint) <= most_sequences
          if (.not. is_smallest) exit
+         search = search_result()
          call search_all_signs(constraint, 1, 1, search)
          if (size(search%solutions) > 0) return
       end do

@@ -21,8 +21,8 @@ module process_direct_reciprocal_symbol
       real(wp), allocatable :: reciprocal(:)       !! of 1/g, lags 0..m_max
       real(wp), allocatable :: gradient(:)         !! (0:) of the mean of ln g
       real(wp), allocatable :: curvature(:, :)     !! minus its second derivatives
-      real(wp), allocatable, private :: a(:)       !! B = [1, a]/b0: the next one is begun with it
-      real(wp), private :: b0 = 0.0_wp
+      real(wp), allocatable :: a(:)                !! B = [1, a]/b0: the next one is begun with it
+      real(wp) :: b0 = 0.0_wp
    end type symbol_evaluation
 
 contains
@@ -58,71 +58,50 @@ contains
       real(wp), intent(in) :: reciprocal(0:)   !! to twice the order
       real(wp), intent(in) :: directions(0:, 0:)
       type(symbol_evaluation), intent(inout) :: evaluation
-      real(wp) :: change(0:ubound(factor, 1), 0:ubound(directions, 2)), image(0:ubound(factor, 1))
-      integer :: i, j
+      real(wp) :: change(0:ubound(factor, 1), 0:ubound(directions, 2))
+      real(wp) :: toeplitz(0:ubound(factor, 1), 0:ubound(factor, 1))   ! of the reciprocal
+      integer :: j, m_max
 
+      m_max = ubound(factor, 1)
+      do j = 0, m_max
+         toeplitz(:, j) = [reciprocal(j:1:-1), reciprocal(:m_max - j)]
+      end do
       do j = 0, ubound(directions, 2)
          associate (symbol => directions(:, j))
             change(:, j) = change_of_factor(factor, reciprocal, symbol)
             evaluation%gradient(j) = symbol(1)*reciprocal(0) + &   ! mean of symbol/g
-               2.0_wp*dot_product(symbol(2:), reciprocal(1:size(symbol) - 1))
+               2.0_wp*dot_product(symbol(2:), reciprocal(1:m_max))
          end associate
       end do
+      evaluation%curvature(:, :) = 2.0_wp*matmul(transpose(change), matmul(toeplitz, change))
       do j = 0, ubound(directions, 2)
-         image = toeplitz_product(reciprocal, change(:, j))
-         do i = 0, ubound(directions, 2)
-            evaluation%curvature(i, j) = 2.0_wp*dot_product(change(:, i), image) &
-                                         + 0.5_wp*evaluation%gradient(i)*evaluation%gradient(j)
-         end do
+         evaluation%curvature(:, j) = evaluation%curvature(:, j) &
+                                      + 0.5_wp*evaluation%gradient*evaluation%gradient(j)
       end do
    end subroutine differentiate
-
-   !> Symmetric Toeplitz matrix, given by its first row, times a vector.
-   pure function toeplitz_product(row, x) result(y)
-      real(wp), intent(in) :: row(0:), x(0:)
-      real(wp) :: y(0:ubound(x, 1))
-      integer :: j, n
-
-      n = ubound(x, 1)
-      y = 0.0_wp
-      do j = 0, n
-         y(j:) = y(j:) + x(j)*row(:n - j)
-         y(:j - 1) = y(:j - 1) + x(j)*row(j:1:-1)
-      end do
-   end function toeplitz_product
 
    !> delta at which 1 + delta A(t) first touches zero; huge when A is nowhere negative.
    pure function touching_multiplier(along) result(delta)
       real(wp), intent(in) :: along(0:)   !! symbol of A
       real(wp) :: delta
+      real(wp), allocatable :: cosine(:)
       real(wp) :: bend, lowest, t
-      integer :: j, m, n, step
+      integer :: j, lag(ubound(along, 1)), m, n, step
 
-      n = max(64, 8*ubound(along, 1))   ! points on the circle, of which the lowest is refined
-      t = two_pi/n*(minloc([(rough_value(along, two_pi*j/n), j=0, n/2)], dim=1) - 1)
+      lag = [(m, m=1, size(lag))]
+      n = max(64, 8*size(lag))   ! points on the circle, of which the lowest is refined
+      cosine = [(cos(two_pi*j/n), j=0, n - 1)]
+      t = two_pi/n*(minloc([(dot_product(along(1:), cosine(1 + modulo(j*lag, n))), j=0, n/2)], 1) &
+                    - 1)
       lowest = huge(1.0_wp)
       do step = 1, 5
-         lowest = min(lowest, along(0) + 2.0_wp*sum([(along(m)*cos(m*t), m=1, ubound(along, 1))]))
-         bend = sum([(m**2*along(m)*cos(m*t), m=1, ubound(along, 1))])
+         lowest = min(lowest, along(0) + 2.0_wp*sum(along(1:)*cos(lag*t)))
+         bend = sum(lag**2*along(1:)*cos(lag*t))
          if (.not. abs(bend) > 0.0_wp) exit
-         t = t - sum([(m*along(m)*sin(m*t), m=1, ubound(along, 1))])/bend
+         t = t - sum(lag*along(1:)*sin(lag*t))/bend
       end do
       delta = huge(1.0_wp)
       if (lowest < -1.0e-13_wp*sum(abs(along))) delta = -1.0_wp/lowest
    end function touching_multiplier
-
-   !> A(t) = A_0 + 2 sum A_m cos(mt), by Clenshaw's recurrence: fast, with the rounding of its sums.
-   pure real(wp) function rough_value(along, t) result(value)
-      real(wp), intent(in) :: along(0:), t
-      real(wp) :: b(0:2)
-      integer :: m
-
-      b = 0.0_wp
-      do m = ubound(along, 1), 1, -1
-         b(1:2) = b(0:1)
-         b(0) = 2.0_wp*(along(m) + cos(t)*b(1)) - b(2)
-      end do
-      value = along(0) + cos(t)*b(0) - b(1)
-   end function rough_value
 
 end module process_direct_reciprocal_symbol

@@ -15,8 +15,8 @@ module process_direct_sign_search
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    implicit none(type, external)
    private
-   public :: search_result, count_sequences, search_all_signs, add_search, restore_search, &
-             search_structured, is_all_plus_best, limit_of_entropy, sequence_signs
+   public :: search_result, count_sequences, search_all_signs, restore_search, search_structured, &
+             is_all_plus_best, limit_of_entropy, sequence_signs
 
    !> Result of a search, or of a part of one.
    type :: search_result
@@ -47,44 +47,33 @@ contains
       is_best = size(constraint%penalized) == 0
    end function is_all_plus_best
 
-   !> Searches part `part` of `n_parts` of all sequences; the parts differ in the leading signs.
-   subroutine search_all_signs(constraint, part, n_parts, result)
+   !> Adds part `part` of `n_parts` of all sequences to a search, the same in whatever order that is
+   !> done; the parts differ in the leading signs.
+   subroutine search_all_signs(constraint, part, n_parts, search)
       type(length_constraint), intent(in) :: constraint
       integer, intent(in) :: part, n_parts   !! part = 1..n_parts
-      type(search_result), intent(out) :: result
+      type(search_result), intent(inout) :: search   !! at first as it is declared
       type(sequence_solution), allocatable :: found(:)
       type(sequence_solution) :: solution
       integer(long) :: first, index, longer, n
 
       n = count_sequences(constraint)
-      allocate (found(0))
+      call move_alloc(search%solutions, found)
+      if (.not. allocated(found)) allocate (found(0))
       longer = modulo(n, int(n_parts, long))   ! parts that have one sequence more
       first = n/n_parts*(part - 1) + min(int(part - 1, long), longer)
       do index = first, first + n/n_parts - merge(0, 1, part <= longer)
          call solve_sequence(constraint, sequence_signs(constraint, index), solution)
-         result%n_examined = result%n_examined + 1
+         search%n_examined = search%n_examined + 1
          if (.not. (solution%is_feasible .and. solution%is_consistent)) cycle
-         result%n_consistent = result%n_consistent + 1
+         search%n_consistent = search%n_consistent + 1
          solution%number = index
          found = [found, solution]
          if (size(found) >= 2*max_listed) call sort_and_cut(found)
       end do
       call sort_and_cut(found)
-      call move_alloc(found, result%solutions)
+      call move_alloc(found, search%solutions)
    end subroutine search_all_signs
-
-   !> Joins what a part has found to the rest: the same in whatever order that is done.
-   subroutine add_search(part, total)
-      type(search_result), intent(in) :: part       !! as it came from a search, or empty
-      type(search_result), intent(inout) :: total   !! at first as it is declared
-
-      total%n_examined = total%n_examined + part%n_examined
-      total%n_consistent = total%n_consistent + part%n_consistent
-      total%seconds = total%seconds + part%seconds
-      if (.not. allocated(total%solutions)) allocate (total%solutions(0))
-      if (allocated(part%solutions)) total%solutions = [total%solutions, part%solutions]
-      call sort_and_cut(total%solutions)
-   end subroutine add_search
 
    !> Restores a search from the sums of its parts and the numbers of their few solutions, which are
    !> solved once more: the same bits.

@@ -31,7 +31,7 @@ module process_direct_sign_sequence
       real(wp), allocatable :: correlation(:)  !! K(m)/K(0), m = 0..m_max
       real(wp) :: entropy = 0.0_wp             !! per point [nat]
       integer(long) :: number = 0              !! among the sequences of a search
-      real(wp), allocatable :: factor(:)       !! B, 0..m_max, where s and delta do not hold it
+      real(wp), allocatable :: a(:)            !! a_q, q = 1..m_max, of Eq. (39)
    end type sequence_solution
 
    !> One concave maximization of D: which x_m move by themselves, and where they are. Derivatives
@@ -213,8 +213,7 @@ contains
       solution%lambda_3 = 0.5_wp*k(0)
       solution%correlation(:) = k/k(0)
       solution%entropy = gaussian_entropy(1.0_wp) - log(factor(0))
-      allocate (solution%factor(0:constraint%m_max))
-      solution%factor(:) = factor
+      solution%a = factor(1:)/factor(0)
    end subroutine approach_touch
 
    !> Finds Newton's step; the decrement is twice the rise of D that it promises.
@@ -290,6 +289,7 @@ contains
          solution%s = state%s
          solution%s(state%free) = state%x(1:)/state%x(0)
          where (.not. abs(constraint%weights(1:)) > 0.0_wp) solution%s = sign(1.0_wp, k(1:))
+         solution%a = state%value%a
          allocate (solution%correlation(0:constraint%m_max))
          solution%correlation(:) = k/k(0)
          solution%entropy = gaussian_entropy(1.0_wp) - 0.5_wp*state%value%log_mean

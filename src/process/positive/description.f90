@@ -9,7 +9,7 @@ module process_positive_description
    use process_model, only: process_model_type, process_request
    use process_positive_objective, only: new_objective, sampled_objective
    use process_positive_moments, only: estimate_autocovariance
-   use process_positive_problem, only: new_problem, sampled_problem
+   use process_positive_problem, only: is_out_of_reach, sampled_problem
    use process_positive_refinement, only: error_of_runs, shape_spread
    use process_positive_sequential, only: memory_of
    use process_positive_signs, only: require_signs
@@ -70,7 +70,7 @@ contains
       call law%find_entropy(model%entropy, model%entropy_error)
       model%entropy = model%entropy + log(model%b0)
       model%entropy_bound = gaussian_entropy(model%std)
-      call note_acceptances(law, model%entropy_error, model)
+      call note_acceptances(law, model)
    end subroutine outline_sampled
 
    !> Name of the signs of K(m), m = 1..
@@ -96,7 +96,7 @@ contains
       by_shape = spread%length_errors()
       model%l0_error = hypot(model%l0_error, by_shape(1))
       model%l1_error = hypot(model%l1_error, by_shape(2))
-      model%entropy_error = error_of_maximum(law, model%entropy_error)
+      model%entropy_error = error_of_maximum(law)
       if (allocated(law%last%a)) then
          call find_polynomial_roots(model%a, model%poles, error)
          if (allocated(error)) return
@@ -113,39 +113,23 @@ contains
    !> Standard error of the largest entropy under the wanted ratio and length: that of this law's
    !> entropy, and that its ratio and length are the wanted ones on the sample only. Both come from
    !> the same runs.
-   function error_of_maximum(law, entropy_error) result(standard_error)
-      type(sampled_objective), intent(in) :: law
-      real(wp), intent(in) :: entropy_error    !! of this law's entropy
+   function error_of_maximum(law) result(standard_error)
+      type(sampled_objective), intent(in) :: law   !! its entropy was found
       real(wp) :: standard_error
       real(wp), allocatable :: rest(:)
-      real(wp) :: by_partition
 
-      by_partition = 0.0_wp
       associate (from => law%last%moments%rests, moments => law%last%moments)
          rest = from(:, 5)
-         if (law%problem%is_exact) then
-            by_partition = error_of_partition(law, entropy_error)
+         if (law%problem%is_exact) &
             rest = -0.5_wp*law%last%coordinate*from(:, 1) - from(:, 2)/moments%ratio &
                    - from(:, 1)/moments%mean
-         end if
       end associate
       associate (multipliers => law%found%multipliers)   ! gain of x/std by the constraints
          rest = rest - matmul(law%rests(:, :size(multipliers)), multipliers)
       end associate
       rest = sum(reshape(rest, [lanes, size(rest)/lanes]), dim=2)/size(rest)
-      standard_error = norm2([by_partition, error_of_runs(reshape(rest, [lanes, 1]))])
+      standard_error = norm2([law%psi_error, error_of_runs(reshape(rest, [lanes, 1]))])
    end function error_of_maximum
-
-   !> The part of the exact law's entropy error that is psi's; the other one is the mean's.
-   pure function error_of_partition(law, entropy_error) result(standard_error)
-      type(sampled_objective), intent(in) :: law
-      real(wp), intent(in) :: entropy_error
-      real(wp) :: standard_error
-
-      standard_error = sqrt(max(entropy_error**2 &
-                                - (0.5_wp*law%last%coordinate*law%last%moments%mean_error)**2, &
-                                0.0_wp))
-   end function error_of_partition
 
    !> Estimates the autocovariance lag by lag, on as many values as the number of lags allows. Fails
    !> where a K(m) clearly has not the sign by which the length was summed.
@@ -182,19 +166,15 @@ contains
       type(process_model_type), intent(inout) :: model
       integer, parameter :: moment_steps = 1024, entropy_steps = 256   ! of a batch
       integer, parameter :: most_sweeps = 10000   ! of a burn-in: some seconds
-      type(error_type), allocatable :: error
-      type(process_request) :: request
       type(sampled_problem) :: problem
       type(sampled_objective) :: other
       real(wp), allocatable :: state(:)
-      real(wp) :: coordinate, other_error
+      real(wp) :: coordinate, unused
       logical :: is_inside
 
-      request = law%problem%request
-      request%sampler = merge('exact     ', 'sequential', request%sampler == 'sequential')
-      call new_problem(request, law%problem%stream, problem, error, law%problem%decay, &
-                       law%problem%sequence)
-      if (allocated(error)) return   ! longer than it is sampled: not known
+      problem = law%problem
+      problem%is_exact = .not. problem%is_exact
+      if (is_out_of_reach(problem)) return   ! not known
       call new_objective(problem, other)
       other%family = law%family
       other%signs = law%signs
@@ -207,33 +187,27 @@ contains
       call other%evaluate(other%point, state, is_inside)
       if (.not. is_inside) return
       other%n_steps = entropy_steps
-      call other%find_entropy(model%other_entropy, other_error)
+      call other%find_entropy(model%other_entropy, unused)
       model%other_entropy = model%other_entropy + log(model%b0)
       model%other_mean = model%b0*other%last%moments%mean
       model%other_std = model%b0*other%last%moments%std
       model%other_l0 = other%last%moments%l0
-      call note_acceptances(other, other_error, model)
+      call note_acceptances(other, model)
    end subroutine compare_laws
 
    !> Notes Lambda of the exact law, or the three acceptances of one-at-a-time rejection.
-   subroutine note_acceptances(law, entropy_error, model)
-      type(sampled_objective), intent(in) :: law
-      real(wp), intent(in) :: entropy_error   !! standard error of this law's entropy [nat]
+   subroutine note_acceptances(law, model)
+      type(sampled_objective), intent(in) :: law   !! its entropy was found
       type(process_model_type), intent(inout) :: model
-      real(wp) :: entropy, field, psi
 
       if (.not. law%problem%is_exact) then
          model%acceptance_ratio = law%last%moments%acceptance_ratio
          model%acceptance_mean = law%last%moments%acceptance_mean
          model%acceptance_geometric = law%last%moments%acceptance_geometric
       else if (.not. (allocated(model%g) .or. law%problem%decay > 0.0_wp)) then
-         entropy = merge(model%entropy, model%other_entropy, model%request%sampler == 'exact') &
-            - log(model%b0)
-         field = model%mu/model%b0*(1.0_wp + sum(model%a))**2
-         psi = entropy - 0.5_wp + 0.5_wp*field*law%last%moments%mean
-         model%lambda = exp(max(psi - log_sqrt_two_pi - 0.5_wp*field*model%mu/model%b0, &
-                                log(tiny(1.0_wp))))
-         model%lambda_error = model%lambda*error_of_partition(law, entropy_error)
+         model%lambda = exp(max(law%psi - log_sqrt_two_pi &
+                                - 0.5_wp*law%last%coordinate*model%mu/model%b0, log(tiny(1.0_wp))))
+         model%lambda_error = model%lambda*law%psi_error
       end if
    end subroutine note_acceptances
 

@@ -9,7 +9,7 @@ module process_positive_fit
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use numerics_constrained_maximum, only: solve_along
-   use process_direct_fit, only: integer_signs
+   use process_direct_fit, only: fit_unconstrained, integer_signs
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_model_type, process_request
    use process_positive_description, only: compare_laws, describe_far_from_zero, describe_sampled, &
@@ -17,7 +17,6 @@ module process_positive_fit
    use process_positive_first_order, only: describe_first_order, match_first_order
    use process_positive_kernel, only: first_order_law
    use process_positive_objective, only: sampled_objective
-   use process_positive_problem, only: solve_unconstrained
    use process_positive_refinement, only: refine, shape_spread
    use process_positive_search, only: follow_alternating, follow_unconstrained
    use process_positive_sign_search, only: multipliers_of, search_signs
@@ -223,7 +222,7 @@ contains
       model%request = request
       is_far = request%std > 0.0_wp .and. request%mean >= far*request%std
       if (.not. is_far) return
-      call solve_unconstrained(request, unconstrained, error)
+      call fit_unconstrained(request, unconstrained, error)
       is_far = .not. allocated(error)
       if (.not. is_far) return
       call describe_far_from_zero(request, unconstrained)

@@ -46,6 +46,8 @@ module process_positive_objective
       !> that of the first one alone, by the mean
       real(wp), allocatable :: rests(:, :)
       real(wp), allocatable :: state(:)              !! of the last evaluation
+      !> exact law: ln Z per point, `log_partition`, and its standard error, once it is found
+      real(wp) :: psi = 0.0_wp, psi_error = 0.0_wp
    contains
       procedure :: evaluate
       procedure :: gain
@@ -72,11 +74,6 @@ contains
       allocate (objective%signs(0:problem%n_lags), source=sign(1.0_wp, problem%autocovariance))
       allocate (objective%zeros(0), objective%family%faces(0))
       allocate (objective%last%g(0:size(problem%companion)), source=0.0_wp)
-      if (allocated(problem%sequence)) then   ! which the companion need not have
-         associate (s => problem%sequence%s)
-            where (abs(s) >= 1.0_wp) objective%signs(1:size(s)) = s
-         end associate
-      end if
       if (allocated(problem%symbol)) then
          weights = constraint_weights(problem%request%correlation, &
                                       problem%request%correlation_length, size(problem%symbol))
@@ -88,6 +85,9 @@ contains
             family%s = spread(1.0_wp, 1, size(a))
             where (abs(a) > 0.0_wp) family%s = symbol/family%direction
             objective%zeros = pack([(m, m=1, size(a))], abs(family%s) < inside)
+            ! the companion's K(m) need not have the signs that were given
+            where (abs(a) > 0.0_wp .and. abs(family%s) >= inside) &
+               objective%signs(1:size(a)) = sign(1.0_wp, family%s)
             family%free = objective%zeros
             family%start = [0.0_wp, family%s(family%free)]
          end associate
@@ -295,7 +295,6 @@ contains
       real(wp), intent(out) :: entropy, standard_error
       integer, parameter :: enough = 8192   ! steps of a batch: each node has as many
       type(stream_type) :: stream
-      real(wp) :: psi, psi_error
 
       associate (last => self%last)
          entropy = last%moments%entropy + log(last%moments%std)
@@ -304,9 +303,9 @@ contains
          stream = self%problem%stream
          call log_partition(last%g, last%coordinate, ring_length(self), self%n_burn_in, &
                             max(min(self%n_steps, enough)/ring_length(self), 2), stream, &
-                            psi, psi_error)
-         entropy = entropy_of_exact_law(psi, last%coordinate, last%moments%mean)
-         standard_error = norm2([psi_error, 0.5_wp*last%coordinate*last%moments%mean_error])
+                            self%psi, self%psi_error)
+         entropy = entropy_of_exact_law(self%psi, last%coordinate, last%moments%mean)
+         standard_error = norm2([self%psi_error, 0.5_wp*last%coordinate*last%moments%mean_error])
       end associate
    end subroutine find_entropy
 

@@ -12,13 +12,13 @@ module process_positive_problem
       reflection_of
    use process_autoregressive_spectral_factor, only: symbol_of_process
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
-   use process_direct_fit, only: coefficients_of_solution, fit_unconstrained
+   use process_direct_fit, only: fit_unconstrained
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: lengths_of, positive_name, process_model_type, process_request
    use process_positive_sequential, only: memory_of
    implicit none(type, external)
    private
-   public :: sampled_problem, new_problem, solve_unconstrained
+   public :: sampled_problem, is_out_of_reach, new_problem
 
    !> Targets under the law of one-at-a-time rejection (Sec. 2.4) or of Eq. (25), and the
    !> unconstrained process of the wanted length, its companion.
@@ -32,7 +32,6 @@ module process_positive_problem
       real(wp), allocatable :: companion(:)          !! a_q of the companion
       real(wp), allocatable :: autocovariance(:)     !! of the companion, (0:n_lags), b0 = 1
       real(wp), allocatable :: symbol(:)             !! direct method: its G_m/G_0, m = 1..m_max
-      type(sequence_solution), allocatable :: sequence   !! and its signs, where they are given
       real(wp) :: l0 = 0.0_wp                        !! of the companion [lags]
       real(wp) :: tail_l0 = 0.0_wp, tail_moment = 0.0_wp   !! of its sums, beyond n_lags
       integer :: n_lags = 0
@@ -54,8 +53,6 @@ contains
       real(wp), intent(in), optional :: decay
       !> direct method: the unconstrained process of these signs; else that of the largest entropy
       type(sequence_solution), intent(in), optional :: sequence
-      integer, parameter :: most_lags(2) = [4000, 600]        ! sequential, exact
-      real(wp), parameter :: longest = 10.0_wp*(1.0_wp + 1.0e-9_wp)   ! exact: sweeps grow with L0^2
       type(process_model_type) :: unconstrained
       type(correlation_sums) :: sums
       real(wp), allocatable :: g(:), kappa(:), rho(:)
@@ -68,10 +65,13 @@ contains
                     "': must be 'sequential' or 'exact'")
          return
       end if
-      call solve_unconstrained(request, unconstrained, error, sequence)
+      if (present(sequence)) then
+         call describe_ar(sequence%a, 1.0_wp, unconstrained, error)
+      else
+         call fit_unconstrained(request, unconstrained, error)
+      end if
       if (request%correlation == 'both') call take_lower_order(request, unconstrained, error)
       if (allocated(error)) return
-      if (present(sequence)) problem%sequence = sequence
       kappa = reflection_of(unconstrained%a)
       call sum_correlation(kappa, sums, error)
       if (allocated(error)) return
@@ -89,8 +89,7 @@ contains
          problem%memory = max(problem%memory, 3*memory_of(problem%decay, 1.0e-9_wp))
       end if
       problem%companion = coefficients_of(kappa)
-      if (problem%n_lags > most_lags(merge(2, 1, problem%is_exact)) .or. &
-          problem%is_exact .and. problem%l0 > longest) then
+      if (is_out_of_reach(problem)) then
          call raise(error, exit_no_solution, 'positive process ('//trim(request%sampler)// &
                     ' law) with '//lengths_of(request)//', order = '//to_text(request%order)// &
                     ': '//to_text(problem%n_lags)// &
@@ -110,6 +109,16 @@ contains
       allocate (problem%autocovariance(0:problem%n_lags))
       problem%autocovariance(:) = rho/innovation_std(kappa, 1.0_wp)**2
    end subroutine new_problem
+
+   !> True if more lags count than a law is sampled to; sweeps of the exact one grow with L0^2.
+   pure logical function is_out_of_reach(problem)
+      type(sampled_problem), intent(in) :: problem
+      integer, parameter :: most_lags(2) = [4000, 600]   ! sequential, exact
+      real(wp), parameter :: longest = 10.0_wp*(1.0_wp + 1.0e-9_wp)
+
+      is_out_of_reach = problem%n_lags > most_lags(merge(2, 1, problem%is_exact)) .or. &
+                        problem%is_exact .and. problem%l0 > longest
+   end function is_out_of_reach
 
    !> Takes the process of the highest lower order that has both lengths with K(m) >= 0, where that
    !> of the wanted order has K(m) < 0 or was not found. Every order contains it.
@@ -134,24 +143,5 @@ contains
                     ': no order up to this one has both lengths with K(m) >= 0')
       end if
    end subroutine take_lower_order
-
-   !> Solves for the process without sign constraint; that of given signs in units of b0.
-   subroutine solve_unconstrained(request, model, error, sequence)
-      type(process_request), intent(in) :: request
-      type(process_model_type), intent(out) :: model
-      type(error_type), allocatable, intent(out) :: error
-      type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
-      type(process_request) :: few_signs
-      real(wp), allocatable :: a(:)
-
-      if (present(sequence)) then
-         call coefficients_of_solution(request, sequence, a, error)
-         if (.not. allocated(error)) call describe_ar(a, 1.0_wp, model, error)
-      else
-         few_signs = request
-         few_signs%all_signs = .false.
-         call fit_unconstrained(few_signs, model, error)
-      end if
-   end subroutine solve_unconstrained
 
 end module process_positive_problem

@@ -10,14 +10,14 @@ module process_positive_sign_search
    use numerics_sorting, only: sort_order
    use process_correlation, only: constraint_weights
    use process_direct_constraint, only: constraint_of, length_constraint
-   use process_direct_fit, only: integer_signs, list_solutions, mirror_image, mirrored
+   use process_direct_fit, only: fit_unconstrained, integer_signs, list_solutions, mirror_image, &
+      mirrored
    use process_direct_sign_search, only: count_sequences, max_listed, search_structured, &
                                          sequence_signs
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    use process_model, only: process_model_type, process_request
    use process_positive_objective, only: sampled_objective
    use process_positive_moments, only: estimate_autocovariance
-   use process_positive_problem, only: solve_unconstrained
    use process_positive_search, only: follow_unconstrained
    implicit none(type, external)
    private
@@ -112,7 +112,7 @@ contains
       integer, allocatable :: order(:)
       integer :: i, n
 
-      call solve_unconstrained(request, unconstrained, error)   ! refuses what no process has
+      call fit_unconstrained(request, unconstrained, error)   ! refuses what no process has
       if (allocated(error)) return
       constraint = constraint_of(request)
       is_complete = count_sequences(constraint) <= most_sequences
