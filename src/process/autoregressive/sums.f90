@@ -19,6 +19,7 @@ module process_autoregressive_sums
    use numerics_roots, only: find_polynomial_roots
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, innovation_std, &
       step_up
+   use process_correlation, only: correlation_length
    implicit none(type, external)
    private
    public :: correlation_sums, sum_correlation, positive_sums, log_spectral_ratios
@@ -29,7 +30,6 @@ module process_autoregressive_sums
       real(wp) :: l0 = 0.0_wp                 !! Eq. (8) [lags]
       real(wp) :: l1 = 0.0_wp                 !! Eq. (9) [lags]
       logical :: is_nonnegative = .false.     !! K(m) >= 0 at every lag, or its mirror image is
-      integer :: n_lags = 0                   !! that were marched through one by one
    end type correlation_sums
 
    real(wp), parameter :: remainder = 1.0e-18_wp     !! of sum m |rho(m)|, left out at most
@@ -73,8 +73,8 @@ contains
                     ': more than '//to_text(limit)//' lags count')
          return
       end if
-      sums%n_lags = ceiling(min(n_certain, n_negligible))
-      call march(folded(:order), n_certain <= n_negligible, sums)
+      call march(folded(:order), ceiling(min(n_certain, n_negligible)), n_certain <= n_negligible, &
+                 sums)
    end subroutine sum_correlation
 
    !> ln R_m, m = 0..order: R_m is the spectral density at frequency 0 over the variance, order m.
@@ -104,39 +104,30 @@ contains
    end function positive_sums
 
    !> Adds the lags one by one: all moduli, or the negative ones beside the closed forms.
-   pure subroutine march(kappa, is_closed, sums)
+   pure subroutine march(kappa, n_lags, is_closed, sums)
       real(wp), intent(in) :: kappa(:)
+      integer, intent(in) :: n_lags
       logical, intent(in) :: is_closed   !! no lag after these is negative
-      type(correlation_sums), intent(inout) :: sums   !! n_lags is set
-      type(correlation_sums) :: signed
-      real(wp) :: moment, negative, total
-      real(wp) :: mirrored   ! what of (-1)^m K(m) is negative
+      type(correlation_sums), intent(out) :: sums
+      real(wp) :: moment, negative
       real(wp), allocatable :: rho(:)
-      integer :: m, order
+      integer :: m
 
-      order = size(kappa)
-      allocate (rho(0:max(sums%n_lags, order)))
+      allocate (rho(0:max(n_lags, size(kappa))))
       rho(:) = autocovariance_of(kappa, ubound(rho, 1))
-      total = 0.0_wp
-      moment = 0.0_wp
-      negative = 0.0_wp
-      mirrored = 0.0_wp
-      do m = 1, ubound(rho, 1)
-         if (rho(m) < 0.0_wp) negative = negative - rho(m)
-         if (rho(m) < 0.0_wp .neqv. modulo(m, 2) == 1) mirrored = mirrored + abs(rho(m))
-         if (is_closed .and. rho(m) >= 0.0_wp) cycle
-         total = total + merge(2, 1, is_closed)*abs(rho(m))
-         moment = moment + merge(2, 1, is_closed)*m*abs(rho(m))
-      end do
+      negative = -sum(rho, rho < 0.0_wp)
       if (is_closed) then
-         signed = positive_sums(kappa)
-         total = total + signed%l0
-         moment = moment + signed%l1*(1.0_wp + signed%l0)
+         sums = positive_sums(kappa)
+         moment = sums%l1*(1.0_wp + sums%l0) &
+                  - 2.0_wp*sum([(min(m*rho(m), 0.0_wp), m=1, ubound(rho, 1))])
+         sums%l0 = sums%l0 + 2.0_wp*negative
+         sums%l1 = moment/(1.0_wp + sums%l0)
+      else
+         sums%l0 = correlation_length('L0', rho)
+         sums%l1 = correlation_length('L1', rho)
+         ! or what of (-1)^m K(m) is negative: rounding leaves signs to lags that are zero
+         negative = min(negative, sum(max(rho(1::2), 0.0_wp)) - sum(min(rho(2::2), 0.0_wp)))
       end if
-      sums%l0 = total
-      sums%l1 = moment/(1.0_wp + sums%l0)
-      ! rounding leaves signs to lags that are zero
-      if (.not. is_closed) negative = min(negative, mirrored)
       sums%is_nonnegative = negative <= 100*epsilon(1.0_wp)*sums%l0
    end subroutine march
 

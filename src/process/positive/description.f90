@@ -7,9 +7,9 @@ module process_positive_description
    use process_correlation, only: correlation_length
    use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type, process_request
-   use process_positive_objective, only: new_objective, sampled_objective
+   use process_positive_objective, only: sampled_objective
    use process_positive_moments, only: estimate_autocovariance
-   use process_positive_problem, only: is_out_of_reach, sampled_problem
+   use process_positive_problem, only: is_out_of_reach
    use process_positive_refinement, only: error_of_runs, shape_spread
    use process_positive_sequential, only: memory_of
    use process_positive_signs, only: require_signs
@@ -166,24 +166,20 @@ contains
       type(process_model_type), intent(inout) :: model
       integer, parameter :: moment_steps = 1024, entropy_steps = 256   ! of a batch
       integer, parameter :: most_sweeps = 10000   ! of a burn-in: some seconds
-      type(sampled_problem) :: problem
       type(sampled_objective) :: other
       real(wp), allocatable :: state(:)
       real(wp) :: coordinate, unused
       logical :: is_inside
 
-      problem = law%problem
-      problem%is_exact = .not. problem%is_exact
-      if (is_out_of_reach(problem)) return   ! not known
-      call new_objective(problem, other)
-      other%family = law%family
-      other%signs = law%signs
-      other%centre = law%centre
-      coordinate = model%mu/model%b0*(1.0_wp + sum(model%a))**merge(2, 1, problem%is_exact)
-      other%point = [law%point(:size(law%point) - 1), asinh(coordinate)]
+      other = law
+      other%problem%is_exact = .not. law%problem%is_exact
+      if (is_out_of_reach(other%problem)) return   ! not known
+      coordinate = model%mu/model%b0*(1.0_wp + sum(model%a))**merge(2, 1, other%problem%is_exact)
+      other%point(size(other%point)) = asinh(coordinate)
       other%n_steps = moment_steps
+      other%last%moments%std = 0.0_wp   ! nothing is known yet
       call other%settle()
-      if (problem%is_exact .and. other%n_burn_in > most_sweeps) return
+      if (other%problem%is_exact .and. other%n_burn_in > most_sweeps) return
       call other%evaluate(other%point, state, is_inside)
       if (.not. is_inside) return
       other%n_steps = entropy_steps

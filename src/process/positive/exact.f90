@@ -15,8 +15,8 @@ module process_positive_exact
    use core_kinds, only: wp
    use core_random, only: stream_type
    use numerics_quadrature, only: gauss_legendre
-   use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
-   use process_autoregressive_spectral_factor, only: equivalent_process, symbol_of_process
+   use process_autoregressive_spectral_factor, only: equivalent_process, reciprocal_of_process, &
+      symbol_of_process
    use process_positive_moments, only: add_products, batch_averages, estimate_products, new_batches
    use process_positive_truncated_normal, only: draw_truncated_lanes, lanes, log_acceptance, &
       log_sqrt_two_pi, truncated_variance
@@ -256,7 +256,6 @@ contains
       integer, parameter :: n_batches = 8*lanes
       type(batch_averages) :: batches
       real(wp), allocatable :: a(:)
-      real(wp) :: kappa(ubound(g, 1))
       real(wp), dimension(0:ubound(g, 1)) :: companion, weaker, weights
       real(wp) :: b0
       integer :: order
@@ -270,8 +269,7 @@ contains
          deallocate (a)
          weaker(1:) = 0.8_wp*weaker(1:)
       end do
-      kappa = reflection_of(a)
-      companion = autocovariance_of(kappa, order)/innovation_std(kappa, 1.0_wp)**2
+      call reciprocal_of_process(a, 1.0_wp, companion, is_positive)
       batches = new_batches(order, order, n_batches)
       call sample_exact(g, mu*(g(0) + 2.0_wp*sum(g(1:))) + field, a, mu, ring_length, n_burn_in, &
                         n_sweeps, stream, batches)
