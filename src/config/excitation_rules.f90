@@ -7,6 +7,7 @@ module config_excitation_rules
    use core_source, only: find_beside, is_hdf5_file
    use core_table, only: read_table, table_type
    use core_text, only: rounded_text, to_text
+   use dynamics_excitation, only: narrowest_band
    use numerics_harmonic, only: periods_of_window
    implicit none(type, external)
    private
@@ -87,8 +88,20 @@ contains
          call reader%require(band(2) <= nyquist, group, 'band', &
                              'must not exceed half the sampling rate, 0.5/integration%dt = '// &
                              rounded_text(nyquist, 6, down=.true.)//' Hz', '0.0, 2.5')
+         call reader%require(.not. band(1) < band(2) .or. &
+                             band(2) - band(1) >= narrowest_band(scene%integration%dt), group, &
+                             'band', narrow_rule(scene%integration%dt), '0.0, 2.5')
       end associate
    end subroutine check_band
+
+   !> Rule of noise in too few frequencies.
+   pure function narrow_rule(dt) result(rule)
+      real(wp), intent(in) :: dt   !! [s]
+      character(:), allocatable :: rule
+
+      rule = 'must not be narrower than '//to_text(narrowest_band(dt))// &
+             ' Hz, the least with this integration%dt'
+   end function narrow_rule
 
    !> Checks that a period has enough steps and the march enough periods to see whether they
    !> repeat. Without a list of output%quantities leaves out spectra: a sine has none.
@@ -151,6 +164,9 @@ contains
       end do
       if (table%n_rows < 2 .or. .not. any(table%value(2, :) > 0.0_wp)) &
          call reader%complaints%add_general(path//': must hold two rows or more, and power')
+      if (reader%complaints%n > n_before) return
+      if (table%value(1, table%n_rows) - table%value(1, 1) < narrowest_band(scene%integration%dt)) &
+         call reader%complaints%add_general(path//': '//narrow_rule(scene%integration%dt))
       scene%density = table%value
       scene%force_label = force_label(scene%density)
    end subroutine check_density

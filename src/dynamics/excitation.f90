@@ -9,7 +9,7 @@ module dynamics_excitation
    use numerics_synthesis, only: sum_lines
    implicit none(type, external)
    private
-   public :: band_limited_force, coloured_force, sine_force
+   public :: band_limited_force, coloured_force, narrowest_band, sine_force
 
    integer, parameter :: fewest_lines = 64          !! in the band, however short the record
    integer, parameter :: longest_period = 2**28     !! of the synthesis [steps]
@@ -134,10 +134,17 @@ contains
       else if (.not. 2.0_wp*band(2)*dt <= 1.0_wp + 4.0_wp*epsilon(1.0_wp)) then
          call raise(error, exit_bad_input, name//'must end at the Nyquist frequency 1/(2 dt) = '// &
                     to_text(0.5_wp/dt)//' or below')
-      else if ((band(2) - band(1))*dt < real(fewest_lines, wp)/longest_period) then
-         call raise(error, exit_bad_input, name//'is narrower than '// &
-                    to_text(fewest_lines/(longest_period*dt))//' Hz, the least with this dt')
+      else if (band(2) - band(1) < narrowest_band(dt)) then
+         call raise(error, exit_bad_input, name//'must not be narrower than '// &
+                    to_text(narrowest_band(dt))//' Hz, the least with this dt')
       end if
    end subroutine check_band
+
+   !> Narrowest band in which noise has lines enough to be more than a few sines [Hz].
+   pure real(wp) function narrowest_band(dt)
+      real(wp), intent(in) :: dt   !! [s]
+
+      narrowest_band = fewest_lines/(longest_period*dt)
+   end function narrowest_band
 
 end module dynamics_excitation
