@@ -35,7 +35,7 @@ def table_designs(before: Results, afters: Sequence[Results]) -> Table:
         own.sort(key=lambda row: np.nan_to_num(row[0][0], nan=np.inf))
         rows += [(label, name, *_cells(rms, pair)) for rms, name, pair in own]
     header = (
-        "case", "design", f"rms of {before.place} {_forced(before)} [%]", "time in slip [points]",
+        "case", "design", f"rms of {before.place} {before.forced_dof} [%]", "time in slip [points]",
         "dissipated [%]",
     )  # fmt: skip
     title = f"Designs against {before.stem}"
@@ -48,19 +48,12 @@ def _pairs(before: Results, after: Results) -> list[Pair]:
     return random or pairs
 
 
-def _forced(results: Results) -> int:
-    """The dof that the force acts on most."""
-    if results.structure is None:
-        return 1
-    return int(np.argmax(np.abs(results.structure["load"].values[0]))) + 1
-
-
 def _rms(before: Results, pair: Pair) -> tuple[float, float]:
     """Change of the rms displacement of the forced dof, and its error [%]; NaN where unknown."""
     powers = pair.powers()
     if powers is None:
         return np.nan, 0.0
-    first, second = (values[:, _forced(before) - 1] for values in powers)
+    first, second = (values[:, before.forced_dof - 1] for values in powers)
     return _relative(pair, first, second, power=0.5)
 
 

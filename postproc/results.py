@@ -204,6 +204,13 @@ class Results:
         return "mass" if self.is_chain else "dof"
 
     @property
+    def forced_dof(self) -> int:
+        """The dof that the first force acts on most; the first one of a file without loads."""
+        if self.structure is None:
+            return 1
+        return int(np.argmax(np.abs(self.structure["load"].values[0]))) + 1
+
+    @property
     def deterministic(self) -> list[Case]:
         """Cases with friction as given."""
         return [case for case in self.cases if case.is_deterministic]

@@ -7,7 +7,6 @@ from functools import partial
 from itertools import chain
 from typing import TypeVar
 
-import numpy as np
 import xarray as xr
 
 from .. import joints, tradeoff
@@ -56,7 +55,7 @@ def of_chain(results: Results) -> Iterator[Figure]:
     if results.structure is not None and results.is_chain:
         n_dof = int(results.structure.sizes["dof"])
         is_base = any(case.is_base for case in results.cases)
-        forced = None if is_base else _forced(results)
+        forced = None if is_base else results.forced_dof
         force = "the ground moves" if forced is None else f"the force acts on mass {forced}"
         yield Figure(
             "fig_07", "Fig. 7. The chain with its Jenkins elements",
@@ -121,7 +120,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
         )  # fmt: skip
     banded = [case for case in random if case.has("psd_percentiles") and case.has_power("psd_mean")]
     for letter, (cases, dof) in _lettered(
-        _band_panels(banded, None if is_paper else _forced(results))
+        _band_panels(banded, None if is_paper else results.forced_dof)
     ):
         named = {case.strength: study_figures.level_name(case) for case in cases}
         levels = ", ".join(named[strength] for strength in sorted(named))
@@ -145,7 +144,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             ("5a", "5b", "6b", "9"),
         )  # fmt: skip
     ratios = [case for case in banded if case.has("band_ratio", "band_ratio_low", "slip_mean")]
-    ratios = [case for case in ratios if case.n_joints == case.n_dof]
+    ratios = ratios if results.is_chain else []  # else a joint has no dof of its own
     for letter, std, cases in _by_std(ratios):
         yield Figure(
             f"fig_11{letter}",
@@ -202,7 +201,7 @@ def of_responses(results: Results) -> Iterator[Figure]:
             f"history_{case.name}", f"Displacements, {name}",
             "History of the first sample, at most its last minute.",
             _RESPONSES,
-            (partial(response_figures.plot_history, case=case, place=results.place),), height=3.2,
+            (partial(response_figures.plot_history, case=case, results=results),), height=3.2,
         )  # fmt: skip
         if results.structure is None or not case.has("transition_time"):
             continue
@@ -277,13 +276,6 @@ def _lettered(items: Sequence[_Item]) -> Iterator[tuple[str, _Item]]:
 def _by_std(cases: list[Case]) -> Iterator[tuple[str, float, list[Case]]]:
     for letter, std in _lettered(sorted({case.std for case in cases})):
         yield letter, std, [case for case in cases if case.std == std]
-
-
-def _forced(results: Results) -> int | None:
-    """The forced mass, where the file tells it."""
-    if results.structure is None:
-        return None
-    return int(np.argmax(np.abs(results.structure["load"].values[0]))) + 1
 
 
 def _band_panels(cases: list[Case], forced: int | None) -> list[tuple[list[Case], int]]:

@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from ..results import Case
+from ..results import Case, Results
 from . import style
 
 _SHOWN = 60.0  # s of a history, at most
@@ -30,14 +30,15 @@ class Episode:
     direction: int
 
 
-def plot_history(axes: Axes, case: Case, place: str) -> None:
+def plot_history(axes: Axes, case: Case, results: Results) -> None:
     """Displacements of the first sample, the last minute of it at most."""
     time = case.data["time"].values
     first = int(np.searchsorted(time, time[-1] - _SHOWN))
-    for dof in style.some_of(case.kept_dofs, 5):
+    for dof in style.some_of(case.kept_dofs, 5, results.forced_dof):
         axes.plot(
             time[first:], case.data["displacement"].isel(sample=0, dof=dof - 1).values[first:],
-            label=f"{place} {dof}", **style.line_of_dof(dof, case.n_dof) | {"linewidth": 1.0},
+            label=f"{results.place} {dof}",
+            **style.line_of_dof(dof, case.n_dof) | {"linewidth": 1.0},
         )  # fmt: skip
     axes.set(xlabel="time [s]", ylabel="displacement [m]", xlim=(time[first], time[-1]))
     axes.legend(ncols=3)

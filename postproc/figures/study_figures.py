@@ -53,7 +53,7 @@ def length_name(case: Case) -> str:
 def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
     """Fig. 8: power spectral densities of the masses in one sample."""
     spectrum = case.data["psd"].isel(sample=0)
-    for dof in style.some_of(case.kept_dofs):
+    for dof in style.some_of(case.kept_dofs, wanted=results.forced_dof):
         axes.semilogy(
             spectrum["frequency"], spectrum.isel(dof=dof - 1),
             label=f"{results.place} {dof}", **style.line_of_dof(dof, case.n_dof),
@@ -73,6 +73,7 @@ def _mark_scatter(axes: Axes, case: Case) -> None:
     )  # fmt: skip
     axes.annotate(
         "a bin, ± 1 s.e.", (x, y), (6, 0), textcoords="offset points", va="center", fontsize=8,
+        path_effects=[withStroke(linewidth=2.5, foreground="w")],
     )  # fmt: skip
 
 

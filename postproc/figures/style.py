@@ -70,11 +70,16 @@ def line_of_dof(dof: int, n_dof: int) -> Look:
     return of_dof(dof, n_dof) | {"marker": "none"}
 
 
-def some_of(items: Sequence[_Item], most: int = len(_COLOURS)) -> list[_Item]:
-    """All, or as many as can be told apart, first and last with them."""
+def some_of(
+    items: Sequence[_Item], most: int = len(_COLOURS), wanted: _Item | None = None
+) -> list[_Item]:
+    """All, or as many as can be told apart, first and last with them, and `wanted` if it is one."""
     if len(items) <= most:
         return list(items)
-    return [items[round(i * (len(items) - 1) / (most - 1))] for i in range(most)]
+    places = [round(i * (len(items) - 1) / (most - 1)) for i in range(most)]
+    if wanted in items and (place := items.index(wanted)) not in places:
+        places[1 + min(range(most - 2), key=lambda i: abs(places[i + 1] - place))] = place
+    return [items[place] for place in places]
 
 
 def of_length(length: float, lengths: Iterable[float]) -> Look:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..results import Results
 
 STUCK_HZ = (1.15, 1.31, 1.53, 1.75, 1.90)  # Table 1
@@ -44,8 +42,7 @@ def is_paper_study(results: Results) -> bool:
         stds = {float(p.attrs["std"]) for p in results.processes.values()}
         return lengths <= set(LENGTHS) and stds == {1.0}
     n_dof = results.structure.sizes["mode"]
-    forced = int(np.argmax(np.abs(results.structure["load"].values[0]))) + 1
-    return forced == n_dof and is_paper_chain(
+    return results.forced_dof == n_dof and is_paper_chain(
         n_dof, results.structure["frequencies_stuck"].values.tolist()
     )
 

@@ -7,6 +7,7 @@ import re
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from scipy.io import mmwrite
 
 from entroslip import open_results
 from entroslip.__main__ import main
@@ -128,6 +129,19 @@ def test_a_structure_at_rest_is_drawn(results_of_scene, tmp_path):
         assert (out / "report.html").exists()
     assert not (tmp_path / "run" / "along_spectra.png").exists()
     assert not (tmp_path / "tradeoff" / "tradeoff.png").exists()
+
+
+def test_a_joint_between_two_dofs_has_no_ratio_of_bands(results_of_scene, tmp_path):
+    """Fig. 11 set the band of dof i over the slip of joint i, wherever that joint is."""
+    for name, matrix in (("M", np.eye(2)), ("K", np.array([[50.0, -25.0], [-25.0, 25.0]]))):
+        mmwrite(tmp_path / f"{name}.mtx", matrix)
+    (tmp_path / "joints.txt").write_text("2 0 50 10 0.2\n2 1 50 10 0.2\n")
+    text = PROCESS + FORCE + SHORT + CAMPAIGN + "&output segment_length = 256 /\n"
+    text += f"&structure mass_matrix = '{tmp_path}/M.mtx' joints = '{tmp_path}/joints.txt'"
+    text += f" stiffness_matrix = '{tmp_path}/K.mtx' /\n"
+    assert main([str(results_of_scene(text)), "--out", str(tmp_path)]) == 0
+    drawn = {path.stem for path in tmp_path.glob("fig_*.png")}
+    assert drawn == {"fig_09a", "fig_10a"}
 
 
 @pytest.fixture(scope="module")

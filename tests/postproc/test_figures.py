@@ -13,7 +13,7 @@ from entroslip.figures.figure import Figure
 from entroslip.figures.gallery import make_figures
 from entroslip.paper.printed import AXES
 from entroslip.results import Results
-from tests.postproc.synthetic import FREQUENCY, case_of, process
+from tests.postproc.synthetic import FREQUENCY, case_of, process, results_of
 
 
 @pytest.fixture
@@ -119,6 +119,20 @@ def test_a_scatter_names_lengths_and_oscillators(axes):
     assert axes.get_xlabel().endswith("[%]")
     assert axes.get_ylabel().endswith("[%]")
     assert AXES["fig_09"][1] == 80.0
+
+
+@pytest.mark.parametrize("forced", [1, 2, 11, 15, 19, 20])
+def test_the_forced_dof_is_among_those_drawn(axes, forced):
+    """Of more dofs than can be told apart it was left out as any other."""
+    psd = np.ones((1, FREQUENCY.size, 20))
+    case = case_of("c001", "none", np.full((1, 20), 0.3), psd)
+    structure = results_of([]).structure.drop_vars("load")
+    structure["load"] = (("force", "dof"), np.eye(20)[[forced - 1]])
+    study_figures.plot_spectra(axes, case, Results(None, {}, {}, structure, [case]))
+    dofs = [int(name.split()[1]) for name in drawn(axes) if name.startswith("dof")]
+    assert forced in dofs
+    assert (dofs[0], dofs[-1], len(dofs)) == (1, 20, 7)
+    assert dofs == sorted(set(dofs))
 
 
 def test_every_level_of_the_force_has_marks_of_its_own(axes):
