@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Mapping
+
 import xarray as xr
 
 LONGEST_LAG = 20  # shown; the paper's figures end about there
@@ -11,6 +13,13 @@ Kind = tuple[str, str, float, int]
 def order_of(process: xr.Dataset) -> int:
     """M of the recursion, or m_max: as asked, or as chosen."""
     return int(process.sizes["order"])
+
+
+def imposed_lengths(asked: Mapping[Hashable, object]) -> str:
+    """'L0 = 1', or 'L0 = 1, L1 = 2', of what was asked of a process."""
+    names = {"both": ("L0", "L1")}.get(str(asked["correlation"]), (str(asked["correlation"]),))
+    values = (asked[name] for name in ("correlation_length", "second_length") if name in asked)
+    return ", ".join(f"{name} = {value:g}" for name, value in zip(names, values, strict=False))
 
 
 def length_of(process: xr.Dataset) -> float:

@@ -6,7 +6,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Hashable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import h5py
@@ -15,6 +16,7 @@ import xarray as xr
 
 from .groups import open_group
 from .output import InputError, readable
+from .processes import imposed_lengths
 
 #: transitions of a sample whose joints stick, springs of a free body, dampers of none
 _MAY_BE_EMPTY = ("transition", "stiffness_entry", "damping_entry")
@@ -33,8 +35,7 @@ class Case:
     name: str  # c001
     data: xr.Dataset  # read from the file as it is used
     audit: xr.Dataset | None = None  # its samples that the reference repeated, where it was asked
-    definition: str = "L0"  # of the correlation length imposed on its process, Eq. 8 or 9
-    law: str = MAXIMUM_ENTROPY  # of its friction, or what that is compared with
+    asked: Mapping[Hashable, object] = field(default_factory=dict)  # of its process
     is_base: bool = False  # the force is an acceleration of the ground
 
     def __repr__(self) -> str:
@@ -102,6 +103,17 @@ class Case:
         return float(self.data.attrs.get("std", 0.0))
 
     @property
+    def law(self) -> str:
+        """Law of the friction coefficients, or what that is compared with."""
+        return str(self.asked.get("law", MAXIMUM_ENTROPY))
+
+    @property
+    def lengths(self) -> str:
+        """The correlation lengths imposed, with their names: of Eq. 8 where the file tells none."""
+        told = {"correlation": "L0", "correlation_length": self.correlation_length}
+        return imposed_lengths(told | dict(self.asked))
+
+    @property
     def correlation_length(self) -> float:
         """Imposed on the friction coefficients, in lags."""
         return float(self.data.attrs.get("correlation_length", 0.0))
@@ -112,7 +124,7 @@ class Case:
         if self.is_deterministic:
             return "deterministic friction"
         if self.law == MAXIMUM_ENTROPY:
-            return f"std {self.std:g}, {self.definition} = {self.correlation_length:g}"
+            return f"std {self.std:g}, {self.lengths}"
         return f"std {self.std:.3g}, {self.law}"
 
     @property
@@ -332,9 +344,7 @@ def _read(path: Path) -> Results:
         audit = _on_all_dofs(view(f"{group}/audit"), data["dof"]) if name in audited else None
         process = processes.get(str(data.attrs.get("process")))
         asked = {} if process is None else process.attrs
-        definition = str(asked.get("correlation", "L0"))
-        law = str(asked.get("law", MAXIMUM_ENTROPY))
-        return Case(name, data, audit, definition, law, is_base)
+        return Case(name, data, audit, asked, is_base)
 
     return Results(
         path=path,

@@ -8,6 +8,7 @@ from .results import Case, Results
 from .table import Table, value_with_error
 
 _MOST_COLUMNS = 12  # friction points of a table that is read
+_MOST_CASES = 12  # of the beginning of a report; the tables of more stand at its end
 _NOTE = (
     "Share of the variance of each joint's time in slip [%] that each friction value explains,"
     " standard errors in brackets in units of the last digits. Friction values are correlated: the"
@@ -17,12 +18,12 @@ _NOTE = (
 
 def tables_of(results: Results) -> Iterator[Table]:
     """One for each case that a regression estimated."""
-    for case in results.random:
-        if case.has("sensitivity", "sensitivity_error"):
-            yield table_sensitivity(case)
+    told = [case for case in results.random if case.has("sensitivity", "sensitivity_error")]
+    for case in told:
+        yield table_sensitivity(case, len(told) > _MOST_CASES)
 
 
-def table_sensitivity(case: Case) -> Table:
+def table_sensitivity(case: Case, is_of_many: bool) -> Table:
     """A row a joint, a column a friction point; the sum last."""
     share = 100.0 * case.data["sensitivity"].values
     error = 100.0 * case.data["sensitivity_error"].values
@@ -40,5 +41,5 @@ def table_sensitivity(case: Case) -> Table:
         f"sensitivity_{case.name}",
         f"Whose friction matters to the time in slip: {case.name}, {case.label} [%]",
         header, rows, _NOTE,
-        is_detail=len(points) > _MOST_COLUMNS, is_result=True,
+        is_detail=is_of_many or len(points) > _MOST_COLUMNS, is_result=True,
     )  # fmt: skip

@@ -13,6 +13,7 @@ from . import joints, sensitivity, tradeoff
 from .paper.deterministic_statements import slip_with_error
 from .paper.evidence import Statement
 from .paper.printed import SLIP_HZ, SLIP_PERCENT, STDS, STUCK_HZ, is_paper_study
+from .processes import imposed_lengths
 from .results import MAXIMUM_ENTROPY, Case, Results
 from .table import Table, value_with_error
 
@@ -228,13 +229,13 @@ def table_processes(results: Results) -> Table:
     rows = []
     for name, data in results.processes.items():
         asked = data.attrs
-        length = f"{asked['correlation']} = {asked['correlation_length']:g}"
+        length = imposed_lengths(asked)
         law = str(asked.get("law", MAXIMUM_ENTROPY))
         if law != MAXIMUM_ENTROPY:
             length = model = law
         else:
             method = "AR" if asked["method"] == "autoregressive" else asked["method"]
-            model = f"{method}({asked['order']})"
+            model = f"{method}({asked.get('order_found', asked['order']) or 'chosen'})"
             if int(asked["positive"]):
                 model += f", {asked['sampler']}"
         found = [

@@ -11,6 +11,7 @@ import xarray as xr
 from ..processes import (
     Kind,
     difference_from_free,
+    imposed_lengths,
     is_positive,
     kind_of,
     length_of,
@@ -130,7 +131,7 @@ def _beside_free(
         f" Not drawn, mean {p.attrs['mean']:g} ({p.attrs['sampler']}): {p.attrs['reason']}."
         for p in refused
     )
-    imposed = f"{free.attrs['correlation']} = {length_of(free):g}"
+    imposed = imposed_lengths(free.attrs)
     return Figure(
         name,
         f"Fig. 6. Positive processes and the one without sign constraint, {imposed},"

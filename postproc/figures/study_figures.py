@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,6 +35,7 @@ _BELOW = -0.12  # below the axes and the name of the lower one, in heights of th
 _MOST_FILLINGS = 2  # of marks: open and full; more levels of the force differ in size too
 _SMALLEST_MARK, _LARGEST_MARK = 4.0, 8.0  # [points]
 _MEET = 25.0  # [pixels] between marks that share a number
+_TOLD_APART = {"order_found": "order ", "mean": "mean ", "sampler": ""}
 _SLIP_AXIS = "mean time in slip [%]"
 
 
@@ -43,11 +45,35 @@ def level_name(case: Case) -> str:
     return case.level + (f" ({name})" if name else "")
 
 
-def length_name(case: Case) -> str:
-    """'$L_0$ = 1', or the law of friction that is none of maximum entropy."""
-    if case.law != MAXIMUM_ENTROPY:
-        return case.law
-    return f"${case.definition[0]}_{case.definition[1]}$ = {case.correlation_length:g}"
+def _of_processes(cases: Sequence[Case]) -> dict[str, tuple[str, style.Look]]:
+    """Name and look of the process of each case.
+
+    '$L_0$ = 1', or the law of friction that is none of maximum entropy, and what else tells those
+    of one std apart. Colour and mark are those of the length, or of the rank where it is shared.
+    """
+    of = {case.process: case for case in cases}
+    names = {
+        process: re.sub(r"L(\d)", r"$L_\1$", case.lengths)
+        if case.law == MAXIMUM_ENTROPY
+        else case.law
+        for process, case in of.items()
+    }
+    for told, word in _TOLD_APART.items():
+        values = {process: case.asked.get(told) for process, case in of.items()}
+        apart = {(name, of[process].std) for process, name in names.items()}
+        if len(apart) < len(of) and len(set(values.values())) > 1:
+            names = {process: f"{name}, {word}{values[process]}" for process, name in names.items()}
+    lengths = [case.correlation_length for case in of.values()]
+    is_told = len(set(lengths)) == len(lengths)
+    return {
+        process: (
+            names[process],
+            style.of_length(case.correlation_length, lengths)
+            if is_told
+            else style.of_rank(rank, len(of)),
+        )
+        for rank, (process, case) in enumerate(of.items())
+    }
 
 
 def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
@@ -121,15 +147,15 @@ def plot_band(
     Shaded: 95 % intervals of the percentiles, Monte Carlo and force record together. The range of
     the axes is that of the cases `framed` too, which other panels draw.
     """
-    lengths = sorted({case.correlation_length for case in cases})
+    named = _of_processes(sorted(cases, key=lambda case: case.correlation_length))
     for case in cases:
-        colour = style.of_length(case.correlation_length, lengths)["color"]
-        line = style.dashes(lengths.index(case.correlation_length))
+        name, look = named[case.process]
+        colour, line = look["color"], style.dashes(list(named).index(case.process))
         one = case.data.isel(dof=dof - 1)
         frequency = one["frequency"].values
         axes.semilogy(
             frequency, one["psd_mean"], color=colour, linestyle=line, linewidth=1.5,
-            label=length_name(case),
+            label=name,
         )  # fmt: skip
         for outer in (0, -1):
             edge = one["psd_percentiles"].values[outer]
@@ -250,9 +276,10 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
 
 def plot_along(axes: Axes, cases: Sequence[Case], quantity: OfJoints) -> None:
     """A quantity along the structure, joint by joint, a line per case, 95 % intervals."""
+    named = _of_processes(cases)
     for rank, case in enumerate(cases):
         mean, error = quantity.of(case)
-        name = f"{length_name(case)}, std {case.std:.3g}, {level_name(case)}"
+        name = f"{named[case.process][0]}, std {case.std:.3g}, {level_name(case)}"
         axes.errorbar(
             np.arange(1, mean.size + 1), mean, yerr=WIDTH * error,
             label=name, elinewidth=0.8, **style.of_rank(rank, len(cases)),
@@ -348,18 +375,19 @@ def marks_of_levels(cases: Sequence[Case]) -> str:
 
 def _by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
     """Cases with their look: colour and mark by length, fuller and larger with the excitation."""
-    lengths = [case.correlation_length for case in cases]
+    named = _of_processes(cases)
     levels = sorted({case.strength for case in cases})
     rows = []
     for case in cases:
-        look = style.of_length(case.correlation_length, lengths) | {"linestyle": "none"}
+        of_process, look = named[case.process]
+        look = look | {"linestyle": "none"}
         look |= {"markeredgecolor": look["color"], "markeredgewidth": 1.0}
         rank = levels.index(case.strength) / (len(levels) - 1) if len(levels) > 1 else 1.0
         look["markerfacecolor"] = (look["color"], rank)  # the smallest excitation open
         if len(levels) > _MOST_FILLINGS:
             look["markersize"] = _SMALLEST_MARK + rank * (_LARGEST_MARK - _SMALLEST_MARK)
         name = LEVELS.get(case.variance, level_name(case))
-        rows.append((case, look, f"{length_name(case)}, {name}"))
+        rows.append((case, look, f"{of_process}, {name}"))
     return rows
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from entroslip.figures.figure import Figure
 from entroslip.figures.gallery import make_figures
 from entroslip.paper.printed import AXES
 from entroslip.results import Results
+from entroslip.tables import table_processes
 from tests.postproc.synthetic import FREQUENCY, case_of, process, results_of
 
 
@@ -133,6 +136,57 @@ def test_the_forced_dof_is_among_those_drawn(axes, forced):
     assert forced in dofs
     assert (dofs[0], dofs[-1], len(dofs)) == (1, 20, 7)
     assert dofs == sorted(set(dofs))
+
+
+def drawn_with(*asked):
+    """A case of two samples for each process asked for."""
+    cases = [
+        replace(
+            case_of(f"c{i}", f"p{i}", np.full((2, 3), 0.3), np.ones((2, FREQUENCY.size, 3)),
+                    std=0.1, correlation_length=request["correlation_length"]),
+            asked=request,
+        )
+        for i, request in enumerate(asked)
+    ]  # fmt: skip
+    for case in cases:
+        case.data["percentile"] = ("percentile", [5.0, 95.0])
+        case.data["psd_mean"] = case.data["psd"].mean("sample")
+    return cases
+
+
+def test_both_lengths_are_named(axes):
+    """The legend had the first two letters of 'both' as symbol and index."""
+    both = {"correlation": "both", "correlation_length": 1.0, "second_length": 1.5}
+    (case,) = cases = drawn_with(both)
+    study_figures.plot_slip_scatter(axes, cases)
+    assert drawn(axes)[0].startswith("$L_0$ = 1, $L_1$ = 1.5, ")
+    assert case.friction == "std 0.1, L0 = 1, L1 = 1.5"
+
+
+def test_a_chosen_order_is_in_the_table_of_processes():
+    """It was AR(0), as the scene asks; without a solution there is none."""
+    chosen = process(1.0, 0, correlation="both", second_length=1.5, order_found=7)
+    open_ = process(1.0, 0, status="infeasible")
+    results = Results(None, {}, {"p001": chosen, "p002": open_}, None, [])
+    table = table_processes(results)
+    assert [row[2] for row in table.rows] == ["direct(7)", "direct(chosen)"]
+    assert table.rows[0][1].startswith("L0 = 1, L1 = 1.5, mean")
+
+
+def test_processes_of_one_length_are_told_apart(axes):
+    """Orders of one length had one colour, one mark and one name."""
+    asked = [
+        {"correlation": "L0", "correlation_length": 1.0, "order_found": order} for order in (2, 5)
+    ]
+    cases = drawn_with(*asked)
+    results = results_of(cases)
+    study_figures.plot_slip_scatter(axes, cases)
+    assert [name.split(", ")[1] for name in drawn(axes)] == ["order 2", "order 5"]
+    assert len({container.lines[0].get_color() for container in axes.containers}) == 2
+    axes.clear()
+    study_figures.plot_band(axes, cases, 1, results)
+    assert drawn(axes)[:2] == ["$L_0$ = 1, order 2", "$L_0$ = 1, order 5"]
+    assert len({line.get_color() for line in axes.lines[:6]}) == 2
 
 
 def test_every_level_of_the_force_has_marks_of_its_own(axes):
