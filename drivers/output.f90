@@ -11,7 +11,7 @@ module driver_output
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use core_terminal, only: say_line => say
-   use core_text, only: to_text
+   use core_text, only: counted, to_text
    use driver_campaign, only: tell_folder
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
@@ -189,6 +189,8 @@ contains
          call find_unmet(plan, output, error)
       if (.not. (allocated(error) .or. output%is_complete)) &
          call refuse_extension(plan, output%n_stored, output%path, error)
+      if (.not. (allocated(error) .or. output%is_complete)) &
+         call refuse_loss(plan, output%n_stored, output%path, error)
       if (output%is_complete .and. .not. (allocated(error) .or. output%is_shared)) &
          call remove_covered(output%store, output%lock, output%n_stored, error)
    end subroutine take_up_results
@@ -206,6 +208,26 @@ contains
                  '.false.), so that nothing can be added: choose another --output, or '// &
                  'discard it with --fresh')
    end subroutine refuse_extension
+
+   !> Refuses to make results anew, for a larger audit say, without samples that they hold. A march
+   !> until a target is met comes to them again.
+   pure subroutine refuse_loss(plan, n_samples, path, error)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: n_samples(:)   !! (case and audit) in the file
+      character(*), intent(in) :: path
+      type(error_type), allocatable, intent(out) :: error
+      integer :: c
+
+      if (plan%accuracy%sample_until_met) return
+      do c = 1, size(plan%cases)
+         if (plan%cases(c)%audits > 0 .or. n_samples(c) <= plan%cases(c)%n_samples) cycle
+         call raise(error, exit_file, path//' holds '//counted(n_samples(c), 'sample', 'samples')// &
+                    ' of a case, the scene asks for '//to_text(plan%cases(c)%n_samples)// &
+                    ' and for results that it lacks: campaign%n_samples = '// &
+                    to_text(n_samples(c))//' keeps them; or choose another --output')
+         return
+      end do
+   end subroutine refuse_loss
 
    !> Marks a results file as not complete where a case in it needs more samples for the scene's
    !> target, or has estimates of another kind or other percentiles than are wanted now. A case with

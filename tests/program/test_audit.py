@@ -75,6 +75,24 @@ def test_audits_go_on_where_they_were(entroslip, scene, tmp_path):
         assert not shards_of(tmp_path / name)
 
 
+def test_a_larger_audit_loses_no_samples(entroslip, scene, tmp_path):
+    """A file of eight samples was made anew with the four of the scene, without a word."""
+    assert entroslip("run", scene).returncode == 0
+    before = (tmp_path / "audited.h5").read_bytes()
+    fewer = ("--set", "campaign%n_samples=4", "--set", "accuracy%audit=1")
+    done = entroslip("run", scene, "--set", "campaign%n_samples=5", "--set", "accuracy%audit=1")
+    assert done.returncode == 3, done.stdout
+    assert (
+        "holds 8 samples of a case, the scene asks for 5 and for results that it lacks:"
+        " campaign%n_samples = 8 keeps them" in done.stderr
+    )
+    assert (tmp_path / "audited.h5").read_bytes() == before
+    assert not shards_of(tmp_path / "audited.h5")
+    kept = entroslip("run", scene, *fewer)
+    assert kept.returncode == 0, kept.stderr
+    assert "nothing to do; it holds 18 samples, the scene asks for 10" in kept.stdout
+
+
 def test_dofs_that_are_not_kept_are_judged_by_the_others(entroslip, scene, tmp_path):
     """A numerical target, and spectra of the second mass alone: the axis is that of the spectra."""
     done = entroslip(
