@@ -413,7 +413,7 @@ contains
       type(piece_type), intent(in) :: pieces(:)
       type(fit_type), intent(in) :: found, again
       type(process_estimate_type), intent(inout) :: estimate
-      integer :: unused(lags_tested)
+      integer :: n_kept, unused(lags_tested)
 
       estimate%mean_error = standard_deviation(again%mean)
       estimate%std_error = standard_deviation(again%std)
@@ -425,8 +425,9 @@ contains
       estimate%p_marginal = share_above(again%distance, found%distance(1))
       call correlate((values - mean_of(values))/standard_deviation(values), pieces, &
                      estimate%correlation, unused)
-      estimate%expected = estimate%model%autocovariance(1:lags_tested) &
-                          /estimate%model%autocovariance(0)
+      n_kept = min(lags_tested, ubound(estimate%model%autocovariance, 1))   ! zero beyond
+      estimate%expected(:n_kept) = estimate%model%autocovariance(1:n_kept) &
+                                   /estimate%model%autocovariance(0)
    end subroutine judge
 
    !> The inner 95 % of the values.
