@@ -8,6 +8,7 @@ squares.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -34,6 +35,10 @@ OF_RECORD = (
 _NORMAL_95 = 1.96  # half width of a 95 % interval, in standard errors
 _SAME = "Both files have the same bits, except when, how long and on how many ranks they ran."
 _ROUNDING = 1.0e-12  # of numbers of samples that do not scatter, relative to them
+_REQUEST = (
+    "law", "method", "correlation", "second_length", "order", "bound_l0", "bound_l1", "upper_bound",
+    "mean", "positive", "sampler", "branch_asked", "simulation",
+)  # fmt: skip
 _MOST_NAMED = 5  # datasets and attributes that differ
 _NEGLIGIBLE_POWER = 1.0e-4  # share of the mean spectrum beyond the frequencies that are drawn
 
@@ -108,14 +113,21 @@ def _step(case: Case) -> float:
 
 
 def pair_cases(before: Results, after: Results) -> list[Pair]:
-    """Cases that both files have, by process, standard deviation, length and force."""
+    """Cases that both have, by process, standard deviation, length and force.
+
+    Of several processes of one length those that were asked for alike; a single one of each file
+    may have another order or law.
+    """
     is_paired = before.attrs.get("seed") == after.attrs.get("seed")
-    others = {_key(case): case for case in after.cases}
-    pairs = [
-        Pair(case, others[_key(case)], case.label, is_paired)
-        for case in before.cases
-        if _key(case) in others
-    ]
+    rivals, others = _by_key(before), _by_key(after)
+    labels = Counter(case.label for case in before.cases)
+    pairs = []
+    for case in before.cases:
+        found = others.get(_key(case), [])
+        if len(found) > 1 or len(rivals[_key(case)]) > 1:
+            found = [other for other in found if _request(other) == _request(case)]
+        label = case.label if labels[case.label] == 1 else f"{case.name}: {case.label}"
+        pairs += [Pair(case, other, label, is_paired) for other in found[:1]]
     if not pairs:
         raise InputError(
             f"{before.path} and {after.path}: no case of the same process under the same force"
@@ -142,6 +154,18 @@ def _force_settings(results: Results) -> list[str]:
     words = ("excitation%", "integration%dt ", "integration%n_steps ", "hash of the force file ")
     lines = str(results.attrs.get("settings", "")).splitlines()
     return [line for line in lines if line.startswith(words)]
+
+
+def _by_key(results: Results) -> dict[tuple[object, ...], list[Case]]:
+    found: dict[tuple[object, ...], list[Case]] = {}
+    for case in results.cases:
+        found.setdefault(_key(case), []).append(case)
+    return found
+
+
+def _request(case: Case) -> tuple[object, ...]:
+    """What tells processes of one length and standard deviation apart."""
+    return tuple(case.asked.get(name) for name in _REQUEST)
 
 
 def _key(case: Case) -> tuple[object, ...]:
@@ -189,7 +213,11 @@ def _changes(pair: Pair) -> Iterator[tuple[str, float, Change]]:
         yield "mean time in slip [%]", 100.0, mean_change(*slip, pair.is_paired)
         if pair.n_samples > 1:
             yield "std of the time in slip [%]", 100.0, std_change(*slip, pair.is_paired)
-    for name, text in (("slip_distance", "slip distance [m]"), ("dissipation", "dissipation [J]")):
+    for name, text in (
+        ("slip_distance", "slip distance [m]"),
+        ("dissipation", "dissipation [J]"),
+        ("harmonic_amplitude", "amplitude of the sine's frequency [m]"),
+    ):
         values = pair.samples(name)
         if values is not None:
             yield text, 1.0, mean_change(*values, pair.is_paired)

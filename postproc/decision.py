@@ -50,10 +50,12 @@ def _pairs(before: Results, after: Results) -> list[Pair]:
 
 def _rms(before: Results, pair: Pair) -> tuple[float, float]:
     """Change of the rms displacement of the forced dof, and its error [%]; NaN where unknown."""
-    powers = pair.powers()
+    powers = pair.powers() or pair.samples("harmonic_amplitude")
     if powers is None:
         return np.nan, 0.0
     first, second = (values[:, before.forced_dof - 1] for values in powers)
+    if pair.before.is_sine:
+        first, second = first**2, second**2
     return _relative(pair, first, second, power=0.5)
 
 

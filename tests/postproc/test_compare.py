@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import xarray as xr
 
 from entroslip.__main__ import main
 from entroslip.compare import change_table, mean_change, pair_cases, std_change
+from entroslip.decision import table_designs
 from entroslip.output import InputError
 from entroslip.results import Case, Results
 from tests.conftest import SMALL_SCENE
@@ -52,6 +54,47 @@ def test_samples_that_differ_by_rounding_have_no_gain():
     table = change_table(before, after, pair_cases(before, after))
     assert {row[-1] for row in table.rows} == {"-"}
     assert "scatter of the changes with the record is not included" in table.note
+
+
+def study(*orders):
+    """A file with a case of each order, whose slip fractions are a tenth of it."""
+    cases = []
+    for order in orders:
+        (case,) = design(np.full((4, 1), 0.1 * order)).cases
+        asked = {"correlation": "L0", "correlation_length": 1.0, "order": order}
+        cases.append(replace(case, name=f"c{order:03d}", asked=asked))
+    return replace(design(np.zeros((4, 1))), cases=cases)
+
+
+def test_orders_of_one_length_are_compared_each_with_itself():
+    """Every one was compared with the last of the other file, under one name."""
+    before, after = study(2, 5), study(1, 2, 5)
+    pairs = pair_cases(before, after)
+    assert [(pair.before.name, pair.after.name) for pair in pairs] == [("c002",) * 2, ("c005",) * 2]
+    assert [pair.label[:6] for pair in pairs] == ["c002: ", "c005: "]
+    assert {row[5] for row in change_table(before, after, pairs).rows} == {"0"}
+    (alone,) = pair_cases(study(2), study(5))  # two orders are two designs
+    assert (alone.before.name, alone.after.name) == ("c002", "c005")
+    assert alone.label.startswith("std 0.1")
+    with pytest.raises(InputError, match="no case of the same process"):
+        pair_cases(study(2), study(3, 5))
+
+
+def test_amplitudes_under_sines_are_compared():
+    """Designs under sines had no change of their response."""
+    files = []
+    for factor in (1.0, 0.8):
+        (case,) = design(np.full((3, 1), 0.3)).cases
+        amplitude = factor * np.array([[1.0, 2.0], [1.1, 2.1], [0.9, 1.9]])
+        case.data["harmonic_amplitude"] = ("sample", "dof"), amplitude
+        case.data.attrs.update(amplitude=5.0, frequency=12.0)
+        load = xr.Dataset({"load": (("force", "dof"), [[0.0, 1.0]])})
+        files.append(replace(design(np.zeros((3, 1))), cases=[case], structure=load))
+    table = change_table(*files, pair_cases(*files))
+    rows = [row for row in table.rows if row[1] == "amplitude of the sine's frequency [m]"]
+    assert [row[3:5] for row in rows] == [("1", "0.8"), ("2", "1.6")]
+    (row,) = table_designs(files[0], files[1:]).rows
+    assert row[2].startswith("-20")
 
 
 def test_without_common_samples_errors_add_in_squares(pair):
