@@ -143,7 +143,11 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             ),
             ("5a", "5b", "6b", "9"),
         )  # fmt: skip
-    ratios = [case for case in banded if case.has("band_ratio", "band_ratio_low", "slip_mean")]
+    ratios = [
+        case for case in banded
+        if case.has("band_ratio", "band_ratio_low", "slip_mean")
+        and case.data.sizes["percentile"] > 1
+    ]  # fmt: skip
     ratios = ratios if results.is_chain else []  # else a joint has no dof of its own
     for letter, std, cases in _by_std(ratios):
         yield Figure(

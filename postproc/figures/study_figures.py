@@ -157,7 +157,7 @@ def plot_band(
             frequency, one["psd_mean"], color=colour, linestyle=line, linewidth=1.5,
             label=name,
         )  # fmt: skip
-        for outer in (0, -1):
+        for outer in {0, one.sizes["percentile"] - 1}:
             edge = one["psd_percentiles"].values[outer]
             axes.semilogy(frequency, edge, color=colour, linestyle=line, linewidth=0.8)
             if case.has("psd_percentiles_low", "psd_percentiles_high"):
@@ -213,7 +213,7 @@ def _name_curves(axes: Axes, alike: Sequence[xr.Dataset], last: float) -> None:
         ("mean", np.median(mean[:, wide]), "center", 0),
         (f"{final:g} %", high[:, around].max(), "bottom", 4),
     ]
-    for text, value, side, apart_by in names:
+    for text, value, side, apart_by in names[: 3 if final > first else 2]:
         axes.annotate(
             text, (frequency[wide], value), (0, apart_by),
             textcoords="offset points", ha="center", va=side, fontsize=8.5,

@@ -66,6 +66,11 @@ SCENES = {
         {"fig_07", "fig_08a", "fig_09a", "fig_10a", "fig_11a", "history_c001", "history_c002"}
         | ALONG,
     ),
+    "one percentile": (
+        PROCESS + "&chain /\n" + FORCE + SHORT + CAMPAIGN
+        + "&output segment_length = 256 percentiles = 50 /\n",
+        {"fig_07", "fig_09a", "fig_10a", "fig_10b"},
+    ),
     "200 oscillators": (
         "&chain n_dof = 200 friction = 0.2 /\n" + FORCE
         + "&integration method = 'newmark' n_steps = 400 /\n&output segment_length = 64 /\n",

@@ -223,3 +223,14 @@ def test_a_figure_outside_the_paper_says_nothing_of_it():
     own = figure.outside_the_paper()
     assert (own.title, own.statements) == ("Scatter", ())
     assert own.caption == "It falls to 3. To look for: a."
+
+
+def test_a_single_percentile_is_drawn_and_named_once(axes):
+    """It was the lower and the upper end of its band."""
+    (case,) = drawn_with({"correlation": "L0", "correlation_length": 1.0})
+    one = replace(case, data=case.data.isel(percentile=[0]))
+    study_figures.plot_band(axes, [one], 1, results_of([one]))
+    assert [text.get_text() for text in axes.texts] == ["5 %", "mean"]
+    curves = [line for line in axes.lines if len(line.get_xdata()) == FREQUENCY.size]
+    assert len(curves) == 2
+    assert len(axes.collections) == 1
