@@ -153,13 +153,13 @@ contains
       if (leading == 0) return
       point = index(mantissa, '.')
       if (point == 0) point = len(mantissa) + 1
-      if (abs(exponent + point - leading) > largest_exponent) then
-         rule = 'must be zero or of a magnitude from 1e-100 to 1e100'
-         return
+      if (abs(exponent + point - leading - merge(1, 0, point > leading)) <= largest_exponent) then
+         decimal = text(:letter - 1)//'e'//to_text(exponent)
+         read (decimal, *, iostat=status) value
+         if (status /= 0) rule = 'must be a number'
+         if (status /= 0 .or. abs(value) <= 1.0e100_wp) return
       end if
-      decimal = text(:letter - 1)//'e'//to_text(exponent)
-      read (decimal, *, iostat=status) value
-      if (status /= 0) rule = 'must be a number'
+      rule = 'must be zero or of a magnitude from 1e-100 to 1e100'
    end subroutine parse_real
 
    !> Parses the exponent after the mantissa: nothing, or a letter and a whole number.
