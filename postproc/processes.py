@@ -11,8 +11,8 @@ Kind = tuple[str, str, float, int]
 
 
 def order_of(process: xr.Dataset) -> int:
-    """M of the recursion, or m_max: as asked, or as chosen."""
-    return int(process.sizes["order"])
+    """M of the recursion, or m_max: as asked, or as chosen. A process given by G has no a_q."""
+    return int(process.sizes.get("order", process.attrs.get("order_found", 0)))
 
 
 def imposed_lengths(asked: Mapping[Hashable, object]) -> str:

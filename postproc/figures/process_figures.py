@@ -13,6 +13,7 @@ from ..processes import (
     LONGEST_LAG,
     correlation_of,
     difference_from_free,
+    imposed_lengths,
     is_positive,
     length_of,
     order_of,
@@ -21,10 +22,7 @@ from . import style
 
 MOST_CURVES = 8  # in one figure; of more orders only the even ones are drawn
 MOST_REALIZATIONS = 3  # drawn
-_TOLD_APART = {
-    "correlation": "", "correlation_length": "$L$ = ", "order": "order ", "mean": "mean ",
-    "std": "std ", "sampler": "",
-}  # fmt: skip
+_ORDER = 1  # its place among the facts of a process
 _ZERO = 1.0e-9  # of an autocovariance, relative to the variance: exact to 1e-8 and better
 _PALE = 0.3  # what no equation constrains
 
@@ -123,11 +121,10 @@ def plot_positive(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
 def plot_each(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     """Autocovariances over the variance, a curve per process, named by what tells them apart."""
     drawn = style.some_of(processes, MOST_CURVES)
-    differing = [name for name in _TOLD_APART if len({p.attrs[name] for p in drawn}) > 1]
+    facts = [_facts(process) for process in drawn]
+    differing = [place for place, told in enumerate(zip(*facts, strict=True)) if len(set(told)) > 1]
     for rank, process in enumerate(drawn):
-        label = ", ".join(
-            f"{_TOLD_APART[name]}{_plain(process.attrs[name])}" for name in differing or ["order"]
-        )
+        label = ", ".join(facts[rank][place] for place in differing or [_ORDER])
         curve = correlation_of(process)
         axes.plot(curve["lag"], curve, label=label, **style.of_rank(rank, len(drawn)))
     _frame_lags(axes)
@@ -135,8 +132,12 @@ def plot_each(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     axes.legend()
 
 
-def _plain(value: object) -> str:
-    return value if isinstance(value, str) else f"{float(str(value)):g}"
+def _facts(process: xr.Dataset) -> tuple[str, ...]:
+    """What may tell processes apart, the order at _ORDER."""
+    of = process.attrs
+    lengths = style.with_symbols(imposed_lengths(of))
+    numbers = (f"{name} {float(of[name]):g}" for name in ("mean", "std"))
+    return lengths, f"order {order_of(process)}", *numbers, str(of["sampler"])
 
 
 def plot_positive_difference(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
@@ -163,6 +164,7 @@ def plot_realizations(axes: Axes, process: xr.Dataset) -> None:
         look = style.of_rank(rank, len(drawn)) | {"marker": marker, "linewidth": 1.0}
         axes.plot(np.arange(1, curve.size + 1), curve, **look)
     axes.axhline(float(process.attrs["mean"]), color="0.3", linewidth=0.9, label="mean")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="point", ylabel="value", xlim=(1, max(2, drawn.shape[1])))
     axes.legend()
 

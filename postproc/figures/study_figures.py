@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -53,9 +52,7 @@ def _of_processes(cases: Sequence[Case]) -> dict[str, tuple[str, style.Look]]:
     """
     of = {case.process: case for case in cases}
     names = {
-        process: re.sub(r"L(\d)", r"$L_\1$", case.lengths)
-        if case.law == MAXIMUM_ENTROPY
-        else case.law
+        process: style.with_symbols(case.lengths) if case.law == MAXIMUM_ENTROPY else case.law
         for process, case in of.items()
     }
     for told, word in _TOLD_APART.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any, TypeVar
 
@@ -100,6 +101,11 @@ def of_rank(rank: int, count: int) -> Look:
         "marker": _MARKS[rank % len(_MARKS)],
         "markersize": 3.5,
     }
+
+
+def with_symbols(lengths: str) -> str:
+    """'$L_0$ = 1' of 'L0 = 1'."""
+    return re.sub(r"L(\d)", r"$L_\1$", lengths)
 
 
 def dashes(index: int) -> Any:  # noqa: ANN401  (a matplotlib line style has no type of its own)

@@ -173,6 +173,17 @@ def test_a_chosen_order_is_in_the_table_of_processes():
     assert table.rows[0][1].startswith("L0 = 1, L1 = 1.5, mean")
 
 
+def test_positive_processes_are_named_by_what_they_are(axes):
+    """A chosen order was 0, and both lengths one."""
+    both = {"correlation": "both", "correlation_length": 1.0, "second_length": 1.5}
+    drawn_ = [process(1.0, 5), process(1.0, 0, **both), process(1.0, 5, **both)]
+    drawn_[1] = drawn_[1].drop_dims("order").assign_attrs(order_found=3)  # given by G
+    process_figures.plot_each(axes, drawn_)
+    assert drawn(axes) == [
+        "$L_0$ = 1, order 5", "$L_0$ = 1, $L_1$ = 1.5, order 3", "$L_0$ = 1, $L_1$ = 1.5, order 5",
+    ]  # fmt: skip
+
+
 def test_processes_of_one_length_are_told_apart(axes):
     """Orders of one length had one colour, one mark and one name."""
     asked = [
