@@ -6,7 +6,7 @@
 !> and, with them, the motion of the sliders of all that slip. The modes get its integrals (M6).
 module dynamics_exact_modal_lane
    use core_kinds, only: wp
-   use dynamics_alignment, only: lanes => register_width, whole_registers
+   use dynamics_alignment, only: whole_registers
    use dynamics_exact_guard_zeros, only: first_transition, no_crossing
    use dynamics_exact_joint_paths, only: joint_paths, layer_reach, layer_side, layer_slider
    use dynamics_exact_modal_operators, only: modal_operators
@@ -28,10 +28,8 @@ module dynamics_exact_modal_lane
       real(wp), allocatable :: crossing(:)       !! (joint) time of its next transition
       real(wp), allocatable :: moments(:, :)     !! (joint, 0:moment) added to sliders' integrals
       real(wp), allocatable :: ends(:, :)        !! (joint, 0:1) path and velocity at the end
-      !> (joint, power from 1) room for what moves otherwise; (joint) a bound; columns of Y and
-      !> their shares in one power of the answers
-      real(wp), allocatable, private :: motion(:, :), guard(:), share(:)
-      integer, allocatable, private :: column(:)
+      !> (joint, power from 1) room for what moves otherwise; (joint) a bound; one power of answers
+      real(wp), allocatable, private :: motion(:, :), guard(:), answer(:)
    contains
       procedure :: take
       procedure :: find_next
@@ -53,8 +51,8 @@ contains
       if (.not. allocated(self%path)) then
          allocate (self%path(m, 0:path_degree), self%motion(m, path_degree), &
                    self%moments(m, 0:n_moments), self%ends(m, 0:1), self%side(m), self%slider(m), &
-                   self%reach(m), self%follows(m), self%guard(m), source=0.0_wp)
-         allocate (self%share(n_markov*m), self%crossing(paths%n_joints), self%column(n_markov*m))
+                   self%reach(m), self%follows(m), self%guard(m), self%answer(m), source=0.0_wp)
+         allocate (self%crossing(paths%n_joints))
       end if
       m = paths%n_joints
       self%left = 1.0_wp
@@ -130,9 +128,8 @@ contains
       type(modal_operators), intent(in) :: operators
       integer, intent(in) :: joint
       real(wp) :: power
-      integer :: e, j, k, many, n, s
+      integer :: e, j, k, s
 
-      n = size(self%crossing)
       self%motion = 0.0_wp
       if (abs(self%side(joint)) > 0.0_wp) then
          self%path(joint, 1) = 0.0_wp
@@ -146,17 +143,16 @@ contains
       end if
       self%follows(joint) = abs(self%side(joint))
       do k = 3, path_degree
-         many = 0
+         self%answer = 0.0_wp
          do e = max(operators%first_power(k), k - 1 - n_markov), k - 2
-            do j = 1, n
+            do j = 1, size(self%crossing)
                if (.not. abs(self%motion(j, e)) > 0.0_wp) cycle
-               many = many + 1
-               self%column(many) = n*(k - 2 - e) + j
-               self%share(many) = self%motion(j, e)*fall(e, k - e)
+               self%answer = self%answer + (self%motion(j, e)*fall(e, k - e)) &
+                                           *operators%markov(:, j, k - 2 - e)
             end do
          end do
-         call add_power(size(self%guard), many, self%column, self%share, operators%markov, &
-                        self%follows, self%motion(:, k), self%path(:, k))
+         self%motion(:, k) = self%motion(:, k) + self%follows*self%answer
+         self%path(:, k) = self%path(:, k) + self%answer
       end do
       do s = 0, ubound(self%moments, 2)   ! I_s of t^k is k!/(k + s)! t^(k + s)
          power = self%left**s
@@ -166,30 +162,5 @@ contains
          end do
       end do
    end subroutine switch_slider
-
-   !> Adds one power of the answers to the paths, and to the sliders that follow.
-   pure subroutine add_power(n, many, column, share, markov, follows, motion, path)
-      integer, intent(in) :: n, many, column(many)
-      real(wp), intent(in) :: share(many), follows(n)
-      real(wp), intent(in) :: markov(n, *)   !! see modal_operators
-      real(wp), intent(inout), dimension(n) :: motion, path
-      real(wp) :: total(lanes)
-      integer :: e, first, l
-
-      do first = 0, n - lanes, lanes
-         total = 0.0_wp
-         do e = 1, many
-            !$omp simd
-            do l = 1, lanes
-               total(l) = total(l) + share(e)*markov(first + l, column(e))
-            end do
-         end do
-         !$omp simd
-         do l = 1, lanes
-            motion(first + l) = motion(first + l) + follows(first + l)*total(l)
-            path(first + l) = path(first + l) + total(l)
-         end do
-      end do
-   end subroutine add_power
 
 end module dynamics_exact_modal_lane
