@@ -164,13 +164,13 @@ contains
       type(exponential_type) :: half, full
       real(wp), dimension(size(operators%rotation, 1), size(operators%rotation, 1)) :: a, ends, &
                                                                                       middle, slope
-      real(wp) :: fit(0:operators%n_moments, 0:operators%n_moments + 1)
+      real(wp) :: fit(0:operators%n_weights, 0:operators%n_weights + 1)
       real(wp) :: kernel(operators%blocks%ports, operators%blocks%ports)
       real(wp) :: scale   ! of the second number, so that A is balanced
       integer :: b, d, i, k, last, m, n, ports
 
       m = operators%n_joints
-      last = operators%n_moments
+      last = operators%n_weights
       fit = kernel_fit(last)
       ports = operators%blocks%ports
       n = 2 + 2*ports
@@ -201,7 +201,8 @@ contains
          associate (rows => [(ports*(b - 1) + i, i=1, ports)])
             full%moment(2, :, :) = full%moment(2, :, :)*scale
             do i = 1, 2
-               operators%weight(:, i, rows) = matmul(fit, transpose(full%moment(i, :, 0:last + 1)))
+               operators%weight(:last, i, rows) = matmul(fit, &
+                                                         transpose(full%moment(i, :, 0:last + 1)))
             end do
             do d = 0, n_markov - 1
                kernel = 0.0_wp

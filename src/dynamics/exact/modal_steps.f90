@@ -171,7 +171,7 @@ contains
    end subroutine read_paths
 
    !> Gives the blocks at the end of the part the motion of the sliders (M6): of those listed, the
-   !> others stand.
+   !> others stand. The sums of three moments of four rows stay in registers.
    pure subroutine push_motion(operators, moved, moments, keeps, rows, taken, modes)
       type(modal_operators), intent(in) :: operators
       integer, intent(in) :: moved(:), rows
@@ -180,75 +180,57 @@ contains
       real(wp), intent(inout) :: taken(lanes, rows, 0:*)      !! S I (.., moment)
       real(wp), intent(inout) :: modes(lanes, rows, *)        !! see modal_form
       real(wp), dimension(lanes, four) :: a, b, c
+      real(wp) :: shift   ! of the base, by the first of them
       integer :: first, i, j, k, l, plane, ports, q, r, second
 
       if (keeps) taken(:, :, :operators%n_moments) = 0.0_wp
       if (size(moved) == 0) return
       ports = operators%blocks%ports
       plane = 3 - ports   ! of the second number; then that of S z
+      shift = 1.0_wp
       associate (push => operators%push, weight => operators%weight)
-         do q = 0, rows - four, four
-            j = moved(1)
-            do r = 1, four
-               do l = 1, lanes
-                  a(l, r) = push(q + r, j)*moments(l, j, 0)
-                  b(l, r) = push(q + r, j)*moments(l, j, 1)
-                  c(l, r) = push(q + r, j)*moments(l, j, 2)
-               end do
-            end do
-            do i = 2, size(moved)
-               j = moved(i)
-               do r = 1, four
-                  do l = 1, lanes
-                     a(l, r) = a(l, r) + push(q + r, j)*moments(l, j, 0)
-                     b(l, r) = b(l, r) + push(q + r, j)*moments(l, j, 1)
-                     c(l, r) = c(l, r) + push(q + r, j)*moments(l, j, 2)
-                  end do
-               end do
-            end do
-            if (keeps) then
-               taken(:, q + 1:q + four, 0) = a
-               taken(:, q + 1:q + four, 1) = b
-               taken(:, q + 1:q + four, 2) = c
-            end if
-            !GCC$ unroll 4
-            do r = 1, four
-               first = q + r - modulo(r - 1, ports)
-               second = first + ports - 1
-               !$omp simd
-               do l = 1, lanes
-                  modes(l, q + r, plane + 1) = modes(l, q + r, plane + 1) + a(l, r)
-                  modes(l, first, 1) = modes(l, first, 1) &
-                                       + (weight(0, 1, q + r)*a(l, r) &
-                                          + (weight(1, 1, q + r)*b(l, r) &
-                                             + weight(2, 1, q + r)*c(l, r)))
-                  modes(l, second, plane) = modes(l, second, plane) &
-                                            + (weight(0, 2, q + r)*a(l, r) &
-                                               + (weight(1, 2, q + r)*b(l, r) &
-                                                  + weight(2, 2, q + r)*c(l, r)))
-               end do
-            end do
-            do k = 3, operators%n_moments
+         do k = 0, operators%n_moments, 3
+            do q = 0, rows - four, four
                a = 0.0_wp
-               do i = 1, size(moved)
+               b = 0.0_wp
+               c = 0.0_wp
+               i = 1
+               do   ! with the exit at the end: sums stay in registers
                   j = moved(i)
                   do r = 1, four
                      do l = 1, lanes
                         a(l, r) = a(l, r) + push(q + r, j)*moments(l, j, k)
+                        b(l, r) = b(l, r) + push(q + r, j)*moments(l, j, k + 1)
+                        c(l, r) = c(l, r) + push(q + r, j)*moments(l, j, k + 2)
                      end do
                   end do
+                  i = i + 1
+                  if (i > size(moved)) exit
                end do
-               if (keeps) taken(:, q + 1:q + four, k) = a
+               if (keeps) then
+                  taken(:, q + 1:q + four, k) = a
+                  taken(:, q + 1:q + four, k + 1) = b
+                  taken(:, q + 1:q + four, k + 2) = c
+               end if
+               !GCC$ unroll 4
                do r = 1, four
                   first = q + r - modulo(r - 1, ports)
                   second = first + ports - 1
                   !$omp simd
                   do l = 1, lanes
-                     modes(l, first, 1) = modes(l, first, 1) + weight(k, 1, q + r)*a(l, r)
-                     modes(l, second, plane) = modes(l, second, plane) + weight(k, 2, q + r)*a(l, r)
+                     modes(l, q + r, plane + 1) = modes(l, q + r, plane + 1) + shift*a(l, r)
+                     modes(l, first, 1) = modes(l, first, 1) &
+                                          + (weight(k, 1, q + r)*a(l, r) &
+                                             + (weight(k + 1, 1, q + r)*b(l, r) &
+                                                + weight(k + 2, 1, q + r)*c(l, r)))
+                     modes(l, second, plane) = modes(l, second, plane) &
+                                               + (weight(k, 2, q + r)*a(l, r) &
+                                                  + (weight(k + 1, 2, q + r)*b(l, r) &
+                                                     + weight(k + 2, 2, q + r)*c(l, r)))
                   end do
                end do
             end do
+            shift = 0.0_wp
          end do
       end associate
    end subroutine push_motion

@@ -27,7 +27,8 @@ module dynamics_exact_modal_terms
    type :: modal_terms
       real(wp) :: h = 0.0_wp       !! of a part [s]
       integer :: n_parts = 1       !! of a step, a power of two
-      integer :: n_moments = 4     !! integrals of a slider's motion that its modes need
+      integer :: n_weights = 4     !! last integral of a slider's motion that counts: 2 or 4
+      integer :: n_moments = 5     !! last that is formed: 2 or 5, as sums go by threes
       !> first block whose displacement (3) and velocity (4) at half the part joints read; at 1 all
       integer :: first_read(4) = 1
       real(wp) :: square = 0.0_wp   !! c: fourth derivatives are -c times the second, or read (M4)
@@ -182,7 +183,7 @@ contains
       real(wp), parameter :: negligible = 1.0e-100_wp
       real(wp), parameter :: mean_of_most = 8.0_wp/15.0_wp   ! of t^2 (1 - t)^2
       real(wp), parameter :: cubic_error = 2.6e-3_wp, quartic_error = 7.5e-5_wp   ! (M4)
-      real(wp) :: answer(0:n_markov - 1), kernel(0:4), memory, path(5), share(size(rate))
+      real(wp) :: answer(0:n_markov - 1), kernel(0:2), memory, path(4), share(size(rate))
       real(wp) :: on   ! errors of paths add up to while a joint slides on
       real(wp) :: least, most   ! c (M8)
       real(wp), dimension(size(rate)) :: room, square   ! of c about |A| (block)
@@ -196,10 +197,10 @@ contains
          end associate
       end do
       share = shares(gain(:, ::blocks%ports), blocks%rate*terms%n_parts)
-      do k = 1, 5
+      do k = 1, 4
          path(k) = maxval(share*blocks%rate**k)   ! derivatives of the paths
       end do
-      do k = 0, 4, 2
+      do k = 0, 2, 2
          kernel(k) = terms%h**2*max(0.0_wp, maxval(compliances(joint_stiffness, joints%gain, &
                                                                rate, k)))
       end do
@@ -225,10 +226,8 @@ contains
       terms%first_read(3) = r
       terms%first_read(4) = first_beyond(quartic_error*share*blocks%rate**5)
       memory = steps*terms%n_parts
-      terms%n_moments = 4
-      if (memory*(kernel(2)*path(3) + kernel(4)*path(2))*1.0e-5_wp <= 0.2_wp*tolerance) &
-         terms%n_moments = 3
-      if (memory*kernel(2)*path(1)/720.0_wp <= 0.2_wp*tolerance) terms%n_moments = 2
+      terms%n_weights = merge(2, 4, memory*kernel(2)*path(1)/720.0_wp <= 0.2_wp*tolerance)
+      terms%n_moments = merge(2, 5, terms%n_weights == 2)
       do k = 3, path_degree
          terms%first_power(k) = k - 1
          do d = 0, min(n_markov - 1, k - 3)
