@@ -30,9 +30,8 @@ contains
       real(wp), intent(out) :: force(:)              !! (step) values dt apart
       type(error_type), allocatable, intent(out) :: error
 
-      call check_band('excitation%band', band, dt, error)
-      if (allocated(error)) return
-      call synthesize(band, [1.0_wp, 1.0_wp], band(2) - band(1), dt, stream, force)
+      call synthesize('excitation%band', band, [1.0_wp, 1.0_wp], band(2) - band(1), dt, stream, &
+                      force, error)
    end subroutine band_limited_force
 
    !> Makes a record of a stationary Gaussian process whose one-sided density is linear between the
@@ -46,10 +45,8 @@ contains
       real(wp), intent(out) :: force(:)      !! (step) values dt apart [N]
       type(error_type), allocatable, intent(out) :: error
 
-      call check_band('band of excitation%psd', [frequency(1), frequency(size(frequency))], dt, &
+      call synthesize('band of excitation%psd', frequency, density, 1.0_wp, dt, stream, force, &
                       error)
-      if (allocated(error)) return
-      call synthesize(frequency, density, 1.0_wp, dt, stream, force)
    end subroutine coloured_force
 
    !> Makes a force whose fundamental is sin(2 pi f t), with the phase reduced to half a turn.
@@ -70,18 +67,22 @@ contains
    end subroutine sine_force
 
    !> Adds up lines with random amplitudes, whose expected powers are those of the density.
-   subroutine synthesize(frequency, density, unit, dt, stream, force)
+   subroutine synthesize(what, frequency, density, unit, dt, stream, force, error)
+      character(*), intent(in) :: what      !! has such a band, in messages
       real(wp), intent(in) :: frequency(:), density(:)   !! [Hz], [N^2/Hz] in this unit
       real(wp), intent(in) :: unit
       real(wp), intent(in) :: dt            !! [s]
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: force(:)     !! (step)
+      type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: normal(:)
       complex(wp), allocatable :: line(:)   ! spacing apart, from 0
       real(wp) :: band(2), scale, spacing   ! [Hz]
       integer :: first, k, last, n          ! n: steps of the period
 
       band = [frequency(1), frequency(size(frequency))]
+      call check_band(what, band, dt, error)
+      if (allocated(error)) return
       n = good_fft_length(max(size(force), ceiling(fewest_lines/((band(2) - band(1))*dt))))
       spacing = 1.0_wp/(n*dt)
       first = nint(band(1)/spacing)
