@@ -54,27 +54,22 @@ contains
       call find_blocks(omega, apart, blocks, condition, error)
    end subroutine new_modal_blocks
 
-   !> True for each mode that damping does not couple with another.
-   pure function is_alone(omega, damping) result(alone)
+   !> True for each mode that damping couples with another.
+   pure function is_coupled(omega, damping) result(coupled)
       real(wp), intent(in) :: omega(:), damping(:, :)
-      logical :: alone(size(omega))
-      real(wp) :: least, most
-      integer :: r, s
+      logical :: coupled(size(omega))
+      real(wp), dimension(size(omega)) :: decay, least
+      integer :: r
 
-      most = 0.0_wp
+      decay = [(abs(damping(r, r)), r=1, size(omega))]
+      coupled = .false.
       do r = 1, size(omega)
-         most = max(most, abs(damping(r, r)))
+         least = negligible*sqrt(decay*decay(r))
+         where (.not. min(omega, omega(r)) > 0.0_wp) least = max(least, rounding*maxval(decay))
+         least(r) = decay(r)
+         coupled = coupled .or. abs(damping(:, r)) > least
       end do
-      alone = .true.
-      do s = 1, size(omega)
-         do r = 1, size(omega)
-            if (r == s) cycle
-            least = negligible*sqrt(abs(damping(r, r)*damping(s, s)))
-            if (.not. min(omega(r), omega(s)) > 0.0_wp) least = max(least, rounding*most)
-            if (abs(damping(r, s)) > least) alone(r) = .false.
-         end do
-      end do
-   end function is_alone
+   end function is_coupled
 
    !> Finds V and the blocks. Modes that damping does not couple are blocks by themselves: poles of
    !> those without stiffness may coincide. If all are, blocks have one port.
@@ -94,7 +89,7 @@ contains
       n = size(omega)
       call turn_zero_modes(omega, damping, turned, modes, error)
       if (allocated(error)) return
-      couples = .not. is_alone(omega, turned)
+      couples = is_coupled(omega, turned)
       coupled = pack([(r, r=1, n)], couples)
       n_coupled = size(coupled)
       scale = 1.0_wp   ! of q', so that A is balanced
