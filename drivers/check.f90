@@ -13,14 +13,13 @@ module driver_check
    use driver_command_line, only: command_line
    use driver_judge_results, only: need_words
    use driver_processes, only: solve_processes
-   use driver_trial_runs, only: keep_targets, measure_settings
+   use driver_trial_runs, only: keep_targets, measure_settings, thin_spectra
    use parallel_world, only: start_world, stop_world, world_type
    use process_fit, only: foresee_process
    use process_model, only: process_model_type
    use process_scaling, only: first_of_fit
    use tradeoff_forecast, only: cost_type, measure_cost, regression_seconds
    use tradeoff_front, only: slip_error_to_come
-   use tradeoff_pilot, only: choose_every
    use tradeoff_tasks, only: scope_type, tradeoff_type
    implicit none(type, external)
    private
@@ -42,25 +41,22 @@ contains
       character(:), allocatable :: choice, need
       real(wp), allocatable :: unused(:, :)
       type(error_type), allocatable :: error, oversize
-      integer :: every
 
       call start_world(world)
       call load_plan(line, scene, plan, error)
       call world%stop_on(error)
       call keep_targets(world, scene, plan, choice)
-      every = 1
-      if (plan%has_structure .and. world%is_root()) then
-         if (plan%output%spectrum) call choose_every(plan, scene%force, every, unused, error)
-         if (.not. allocated(error)) call measure_cost(plan, scene%force, every, cost, error)
-      end if
+      call thin_spectra(world, plan, scene%force, unused, error)
+      if (plan%has_structure .and. world%is_root() .and. .not. allocated(error)) &
+         call measure_cost(plan, scene%force, cost, error)
       call world%stop_on(error)
       call foresee_need(world, plan, scene%force, cost%nanoseconds, need)
       if (world%is_root()) then
          call foresee_processes(plan, models)
          if (.not. line%is_quiet) then
             call say(summary_text(scene, plan, cost%nanoseconds, world%n_ranks, &
-                                  every, cost%transitions, models, cost%audit_nanoseconds, &
-                                  regression_seconds(plan, every, cost%share_powerful)))
+                                  cost%transitions, models, cost%audit_nanoseconds, &
+                                  regression_seconds(plan, cost%share_powerful)))
             call refuse_oversize(plan, oversize)
             if (allocated(oversize)) call say('note: '//oversize%message)
             if (cost%n_steps > 0) call say(march_text(cost))

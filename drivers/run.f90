@@ -11,7 +11,7 @@ module driver_run
    use core_kinds, only: long, wp
    use core_text, only: counted, duration, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
-   use driver_trial_runs, only: keep_targets
+   use driver_trial_runs, only: keep_targets, thin_spectra
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
    use driver_judge_results, only: judge, take_more, tell_errors
@@ -25,7 +25,6 @@ module driver_run
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: start_world, stop_world, world_type
    use process_model, only: branch_note, process_model_type
-   use tradeoff_pilot, only: choose_every
    implicit none(type, external)
    private
    public :: run, end_if_asked, march_campaign, prepare_march
@@ -147,20 +146,15 @@ contains
    !> Collective.
    subroutine prepare_march(world, plan, force, runner, error)
       type(world_type), intent(in) :: world
-      type(plan_type), intent(in) :: plan
+      type(plan_type), intent(inout) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
       type(runner_type), intent(out) :: runner
       type(error_type), allocatable, intent(out) :: error
-      integer :: every
+      real(wp), allocatable :: folded_share(:, :)
 
-      call prepare_runner(plan, force, runner, error)
-      if (.not. plan%output%spectrum) return
-      every = 1
-      if (world%is_root() .and. .not. allocated(error)) &
-         call choose_every(plan, force, every, runner%folded_share, error)
-      call world%broadcast(every)
-      call world%broadcast(runner%folded_share)
-      if (.not. allocated(error)) call runner%use_every(every)
+      call thin_spectra(world, plan, force, folded_share, error)
+      if (.not. allocated(error)) call prepare_runner(plan, force, runner, error)
+      call move_alloc(folded_share, runner%folded_share)
    end subroutine prepare_march
 
    !> Marches all samples of the plan, and more until its target is met. Ends the run on errors and

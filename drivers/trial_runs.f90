@@ -29,7 +29,7 @@ module driver_trial_runs
    implicit none(type, external)
    private
    public :: measure_settings
-   public :: keep_targets
+   public :: keep_targets, thin_spectra
 
    character, parameter :: line_feed = new_line('a')
    real(wp), parameter :: budget = 3.0_wp   !! expected processor time of the measurement [s]
@@ -46,15 +46,13 @@ contains
       type(tradeoff_type), intent(out) :: tradeoff
       logical, intent(out) :: is_stopped     !! early, as asked: results are missing
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: folded_share(:, :)
-      integer :: every
+      type(plan_type) :: thinned
+      real(wp), allocatable :: unused(:, :)
 
-      every = 1
-      if (plan%output%spectrum .and. world%is_root()) &
-         call choose_every(plan, force, every, folded_share, error)
+      thinned = plan
+      call thin_spectra(world, thinned, force, unused, error)
       call world%stop_on(error)
-      call world%broadcast(every)
-      call new_tradeoff(plan, force, every, scope, time_to_stop, tradeoff, error)
+      call new_tradeoff(thinned, force, scope, time_to_stop, tradeoff, error)
       call world%stop_on(error)
       is_stopped = world%any_true(time_to_stop())
       if (is_stopped) return
@@ -65,6 +63,21 @@ contains
       call share_tasks(world, tradeoff, is_quiet, error)
       is_stopped = world%any_true(time_to_stop())
    end subroutine measure_settings
+
+   !> Chooses which steps the spectra of a plan need, the same on every rank, where it has spectra.
+   !> Collective.
+   subroutine thin_spectra(world, plan, force, folded_share, error)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(inout) :: plan
+      real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
+      real(wp), allocatable, intent(out) :: folded_share(:, :)   !! (dof, case) of the variance
+      type(error_type), allocatable, intent(out) :: error
+
+      if (.not. (plan%has_structure .and. plan%output%spectrum)) return
+      if (world%is_root()) call choose_every(plan, force, folded_share, error)
+      call world%broadcast(plan%output%spectrum_every)
+      call world%broadcast(folded_share)
+   end subroutine thin_spectra
 
    !> Shares out the tasks among the ranks; then all have all results. Collective.
    subroutine share_tasks(world, tradeoff, is_quiet, error)

@@ -36,7 +36,6 @@ module campaign_runner
       procedure :: draw_force
       procedure :: force_of
       procedure :: form_of_march
-      procedure :: use_every
    end type runner_type
 
 contains
@@ -68,7 +67,8 @@ contains
          call runner%draw_force(0, runner%force, error)
          if (allocated(error)) return
       end if
-      call runner%use_every(max(plan%output%spectrum_every, 1))
+      runner%layout = layout_of(plan)
+      runner%piece_steps = records_per_piece*runner%layout%every
    end subroutine prepare_runner
 
    !> Form of the exact march, with the multiplications of a sample in a step by each form; '' for
@@ -188,30 +188,20 @@ contains
       end associate
    end subroutine force_of
 
-   !> Lays out the spectra for every `every`-th step.
-   pure subroutine use_every(self, every)
-      class(runner_type), intent(inout) :: self
-      integer, intent(in) :: every
-
-      self%layout = layout_of(self%plan, every)
-      self%piece_steps = records_per_piece*every
-   end subroutine use_every
-
    !> Layout of the spectra of every k-th step.
-   pure function layout_of(plan, every) result(layout)
+   pure function layout_of(plan) result(layout)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: every
       type(spectrum_layout) :: layout
       integer :: i, n
 
-      layout%every = every
-      layout%segment_length = plan%output%segment_length/every
+      layout%every = max(plan%output%spectrum_every, 1)
+      layout%segment_length = plan%output%segment_length/layout%every
       layout%overlap = layout%segment_length/2
-      n = (plan%integration%n_steps - plan%integration%n_discard)/every
+      n = (plan%integration%n_steps - plan%integration%n_discard)/layout%every
       layout%n_segments = count_segments(n, layout%segment_length, layout%overlap)
       layout%follows_power = can_follow_power(layout%n_segments) .and. &
                              .not. plan%excitation%per_sample
-      layout%frequency = [(i/(layout%segment_length*every*plan%integration%dt), &
+      layout%frequency = [(i/(layout%segment_length*layout%every*plan%integration%dt), &
                            i=0, layout%segment_length/2)]
    end function layout_of
 

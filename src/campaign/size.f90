@@ -42,9 +42,8 @@ module campaign_size
 contains
 
    !> Size of the results file [byte]: its values, chunks that are not full, and headers.
-   pure function results_size(plan, every, transitions, foreseen) result(bytes)
+   pure function results_size(plan, transitions, foreseen) result(bytes)
       type(plan_type), intent(in) :: plan           !! without audits
-      integer, intent(in) :: every                  !! every k-th step enters the spectra
       real(wp), intent(in) :: transitions           !! of a sample in a step
       type(process_model_type), intent(in) :: foreseen(:)   !! (process)
       real(wp) :: bytes
@@ -60,7 +59,7 @@ contains
       all_cases = plan
       call add_audits(all_cases)
       do c = 1, size(all_cases%cases)
-         bytes = bytes + size_of_case(all_cases, c, every, transitions)
+         bytes = bytes + size_of_case(all_cases, c, transitions)
       end do
       associate (structure => plan%structure)
          bytes = bytes + word*12*(structure%n_dof + structure%n_joints) + 20*of_dataset &
@@ -96,9 +95,9 @@ contains
       if (allocated(foreseen%nodes)) bytes = bytes + word*of_node*size(foreseen%nodes)
    end function size_of_process
 
-   pure function size_of_case(plan, number, every, transitions) result(bytes)
+   pure function size_of_case(plan, number, transitions) result(bytes)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number, every
+      integer, intent(in) :: number
       real(wp), intent(in) :: transitions
       real(wp) :: bytes
       type(output_settings) :: kept
@@ -115,16 +114,16 @@ contains
          once = word*(n_dof + n_joints)
          n_datasets = 27
          if (n_samples > 1 .and. plan%cases(number)%audits == 0) &
-            call add_statistics(plan, number, every, once, n_datasets)
+            call add_statistics(plan, number, once, n_datasets)
          if (kept%slip .and. (kept%keeps_spectra(n_samples) .or. .not. kept%spectrum)) &
             once = once + stored_bytes([n_joints, count_spans(plan%integration), n_samples])
       end associate
       if (kept%spectrum) then
          n_datasets = n_datasets + 9
-         once = once + word*n_frequencies(plan, every)
+         once = once + word*n_frequencies(plan)
          if (kept%keeps_spectra(n_samples)) once = once &
-                                   + stored_bytes([n_kept, n_frequencies(plan, every), n_samples]) &
-                                          + stored_bytes([n_kept, n_powers(plan, every), n_samples])
+                                   + stored_bytes([n_kept, n_frequencies(plan), n_samples]) &
+                                          + stored_bytes([n_kept, n_powers(plan), n_samples])
       end if
       if (kept%history) then
          if (plan%excitation%per_sample) &
@@ -142,9 +141,9 @@ contains
 
    !> Adds the size of the statistics over samples of a case: of plain sampling alone, or with those
    !> of a regression, their sensitivities and ratios of errors.
-   pure subroutine add_statistics(plan, number, every, bytes, n_datasets)
+   pure subroutine add_statistics(plan, number, bytes, n_datasets)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number, every
+      integer, intent(in) :: number
       real(wp), intent(inout) :: bytes
       integer, intent(inout) :: n_datasets
       real(wp), parameter :: with_regression = 2.5_wp   ! times the plain ones
@@ -156,7 +155,7 @@ contains
          n_datasets = n_datasets + nint(times*7*n_quantities)
          if (plan%output%spectrum) then
             n_values = n_values + size(kept_dofs(plan)) &
-                       *(n_frequencies(plan, every)*(2.0_wp + 3*np) + 8 + 3*np)
+                       *(n_frequencies(plan)*(2.0_wp + 3*np) + 8 + 3*np)
             n_datasets = n_datasets + nint(times*17)
          end if
          bytes = bytes + word*(times*n_values + 2*structure%n_joints*structure%n_points)
@@ -164,29 +163,26 @@ contains
    end subroutine add_statistics
 
    !> Frequencies of a spectrum.
-   pure integer function n_frequencies(plan, every)
+   pure integer function n_frequencies(plan)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: every
 
-      n_frequencies = plan%output%segment_length/every/2 + 1
+      n_frequencies = plan%output%segment_length/max(1, plan%output%spectrum_every)/2 + 1
    end function n_frequencies
 
    !> Values of a sample and a dof that tell how its power varies along the march.
-   pure integer function n_powers(plan, every)
+   pure integer function n_powers(plan)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: every
       type(spectrum_layout) :: layout
 
-      layout = layout_of(plan, every)
+      layout = layout_of(plan)
       n_powers = 0
       if (layout%follows_power) n_powers = n_batches*size(last_of_ranges(size(layout%frequency)))
    end function n_powers
 
    !> Largest resident memory of a rank [byte]: of realizations, the march, or statistics. The
    !> matrices stay to the end.
-   pure function memory_of_rank(plan, every, transitions) result(bytes)
+   pure function memory_of_rank(plan, transitions) result(bytes)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: every
       real(wp), intent(in) :: transitions   !! of a sample in a step
       real(wp) :: bytes
       real(wp) :: n_samples
@@ -197,16 +193,15 @@ contains
       bytes = max(bytes, with_march + 4*n_samples*size(plan%cases) &
                   + of_shard*size(plan%cases)*(1 + n_samples/block_width(plan)) &
                   + memory_of_matrices(plan) &
-                  + max(memory_of_march(plan, every, transitions), &
-                        memory_of_tables(plan, every) + memory_of_statistics(plan, every), &
-                        2*memory_of_tables(plan, every) + memory_of_regression(plan, every)))
+                  + max(memory_of_march(plan, transitions), &
+                        memory_of_tables(plan) + memory_of_statistics(plan), &
+                        2*memory_of_tables(plan) + memory_of_regression(plan)))
    end function memory_of_rank
 
    !> Memory of the force as it is drawn (or in a file, prepared, and in the march) and of a block
    !> of samples.
-   pure function memory_of_march(plan, every, transitions) result(bytes)
+   pure function memory_of_march(plan, transitions) result(bytes)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: every
       real(wp), intent(in) :: transitions
       real(wp) :: bytes
       real(wp) :: n_steps, of_sample
@@ -214,8 +209,8 @@ contains
       n_steps = plan%integration%n_steps + 1.0_wp
       associate (n_kept => size(kept_dofs(plan)))
          of_sample = 0.0_wp
-         if (plan%output%spectrum) of_sample = word*n_kept*(5*n_frequencies(plan, every) &
-                                                            + 2*n_powers(plan, every))
+         if (plan%output%spectrum) of_sample = word*n_kept*(5*n_frequencies(plan) &
+                                                            + 2*n_powers(plan))
          if (plan%output%history) of_sample = of_sample + 2*word*n_kept*n_steps
          if (plan%output%transitions) of_sample = of_sample + 3*of_transition*transitions*n_steps
          if (plan%excitation%per_sample) &
@@ -253,23 +248,21 @@ contains
    end function record_memory
 
    !> Statistics of the spectra of all cases: plain sampling's, beside which come the best.
-   pure function memory_of_tables(plan, every) result(bytes)
+   pure function memory_of_tables(plan) result(bytes)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: every
       real(wp) :: bytes
       integer, parameter :: of_freedoms = 1   ! of the mean
 
       bytes = 0.0_wp
       if (plan%output%spectrum) &
-         bytes = word*size(kept_dofs(plan))*n_frequencies(plan, every) &
+         bytes = word*size(kept_dofs(plan))*n_frequencies(plan) &
                  *count(plan%cases%n_samples > 1) &
                  *(numbers_of_statistic*(1 + size(plan%output%percentiles)) + of_freedoms)
    end function memory_of_tables
 
    !> Bands of up to two cases at once, and the spectra of a group of samples at some frequencies.
-   pure function memory_of_statistics(plan, every) result(bytes)
+   pure function memory_of_statistics(plan) result(bytes)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: every
       real(wp) :: bytes
       integer, parameter :: parts = 32
       real(wp), parameter :: in_bracket = 6.0_wp   ! of sqrt(n) values: 3 times 1.96 sqrt(p (1 - p))
@@ -284,12 +277,12 @@ contains
                                                     max(1, n_group/block_width(plan)))
       if (.not. plan%output%spectrum .or. n_group < 2) return
       associate (n_kept => size(kept_dofs(plan)), n_percentiles => size(plan%output%percentiles))
-         together = frequencies_together(n_kept, n_frequencies(plan, every))
+         together = frequencies_together(n_kept, n_frequencies(plan))
          bytes = bytes &
-                 + at_once*word*n_kept*(n_frequencies(plan, every) &
+                 + at_once*word*n_kept*(n_frequencies(plan) &
                                         *real(3*n_percentiles + n_sums*n_groups, wp) &
                                         + parts*(n_percentiles*n_replicates + min(n_group, 512))) &
-                 + word*n_group*n_kept*(together + min(n_powers(plan, every), 2*n_batches)) &
+                 + word*n_group*n_kept*(together + min(n_powers(plan), 2*n_batches)) &
                  + 4.0_wp*n_group*n_replicates
          if (n_groups > 1) bytes = bytes + word*n_kept*together*n_percentiles*in_bracket &
                                    *sqrt(n_samples)
@@ -297,9 +290,8 @@ contains
    end function memory_of_statistics
 
    !> Draws of the laws of a pool; outputs, fits and predictions of one dof.
-   pure function memory_of_regression(plan, every) result(bytes)
+   pure function memory_of_regression(plan) result(bytes)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: every
       real(wp) :: bytes
       type(case_pool), allocatable :: pools(:)
       real(wp) :: of_dof, of_draws, of_law
@@ -308,7 +300,7 @@ contains
       bytes = 0.0_wp
       pools = find_pools(plan)
       nf = 0
-      if (plan%output%spectrum) nf = n_frequencies(plan, every)
+      if (plan%output%spectrum) nf = n_frequencies(plan)
       do p = 1, size(pools)
          n = sum(pools(p)%n_fitted)
          associate (d => plan%structure%n_points, request => plan%processes(plan%cases(pools(p)% &
@@ -332,13 +324,15 @@ contains
    subroutine refuse_oversize(plan, error)
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
+      type(plan_type) :: sparse   ! whose spectra, not yet known to be thinned, take nothing
 
       call require(word*plan%n_points*real(plan%n_realizations, wp), 'process%n_realizations', &
                    plan%n_realizations, 'the realizations of a process take ', &
                    ' MB, which the system does not give', error)
       if (allocated(error) .or. .not. plan%has_structure) return
-      call require(memory_of_matrices(plan) &
-                   + memory_of_march(plan, plan%output%segment_length, 0.0_wp), &
+      sparse = plan
+      sparse%output%spectrum_every = plan%output%segment_length
+      call require(memory_of_matrices(plan) + memory_of_march(sparse, 0.0_wp), &
                    'integration%n_steps', plan%integration%n_steps, &
                    'the force and what is kept of a block take ', &
                    ' MB on each rank, which the system does not give: fewer steps, '// &

@@ -22,13 +22,12 @@ module config_summary
 contains
 
    !> Aligned and short; ends without a line feed.
-   function summary_text(scene, plan, nanoseconds, n_ranks, every, transitions, foreseen, &
+   function summary_text(scene, plan, nanoseconds, n_ranks, transitions, foreseen, &
                          audit_nanoseconds, regression_seconds) result(text)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: nanoseconds   !! cost of a sample-step; 0: not known
       integer, intent(in) :: n_ranks
-      integer, intent(in) :: every          !! every k-th step enters the spectra
       real(wp), intent(in) :: transitions   !! transitions of a sample in a step
       !> (process) whether it has a solution, as far as that is known before the fit, or why not
       type(process_model_type), intent(in) :: foreseen(:)
@@ -52,9 +51,9 @@ contains
             text = text//labelled('audit', audit_text(plan, n_ranks, audit_nanoseconds))
       end if
       text = text//labelled('memory', 'about '// &
-                            size_text(memory_of_rank(plan, every, transitions))//' a rank')// &
+                            size_text(memory_of_rank(plan, transitions))//' a rank')// &
              labelled('results', 'up to '// &
-                      size_text(results_size(plan, every, transitions, foreseen)))
+                      size_text(results_size(plan, transitions, foreseen)))
       if (size(scene%unused) > 0) &
          text = text//labelled('note', 'given and not used: '//joined(scene%unused))
       if (plan%has_structure) text = text//damping_note(scene%chain%damping_ratio)

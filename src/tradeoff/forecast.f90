@@ -53,10 +53,9 @@ module tradeoff_forecast
 contains
 
    !> Marches a block of every level of force.
-   subroutine measure_cost(plan, file_force, every, cost, error)
+   subroutine measure_cost(plan, file_force, cost, error)
       type(plan_type), intent(in) :: plan          !! without audits
       real(wp), intent(in) :: file_force(0:, :)    !! (step, 1 or sample) [N]; else of size 0
-      integer, intent(in) :: every                 !! every k-th step enters the spectra
       type(cost_type), intent(out) :: cost
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: short
@@ -80,8 +79,9 @@ contains
       call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
                           error, like=shortest)
       if (allocated(error)) return
-      short%output%segment_length = min(short%output%segment_length, every*(cost%n_steps/every))
-      short%output%spectrum_every = every
+      associate (every => runner%layout%every)
+         short%output%segment_length = min(short%output%segment_length, every*(cost%n_steps/every))
+      end associate
       do k = 1, size(levels)
          call draw_level(short, runner, cost%n_steps, levels(k), error)
          if (allocated(error)) return
@@ -159,9 +159,8 @@ contains
    end subroutine time_march
 
    !> Time [s of a processor] of all pools' regressions.
-   pure real(wp) function regression_seconds(plan, every, share_powerful)
+   pure real(wp) function regression_seconds(plan, share_powerful)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: every                !! every k-th step enters the spectra
       real(wp), intent(in) :: share_powerful      !! of the frequencies: those that are fitted
       type(case_pool), allocatable :: pools(:)
       integer, allocatable :: joints(:), points(:)
@@ -172,7 +171,7 @@ contains
       call find_points(plan%structure, points, joints)
       n_dofs = 0.0_wp
       if (plan%output%spectrum) n_dofs = size(kept_dofs(plan))
-      n_f = n_frequencies(plan, every)
+      n_f = n_frequencies(plan)
       nanoseconds = 0.0_wp
       do p = 1, size(pools)
          n = sum(pools(p)%n_fitted)

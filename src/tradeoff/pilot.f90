@@ -25,12 +25,11 @@ module tradeoff_pilot
 
 contains
 
-   !> Chooses the k of every k-th step: as the scene says, or the largest power of two that folds a
-   !> negligible share at every dof and excitation level; and the shares that k folds.
-   subroutine choose_every(plan, file_force, every, folded_share, error)
-      type(plan_type), intent(in) :: plan
+   !> Chooses the k of every k-th step, unless the plan has it: the largest power of two that folds
+   !> a negligible share at every dof and excitation level; and finds the shares that k folds.
+   subroutine choose_every(plan, file_force, folded_share, error)
+      type(plan_type), intent(inout) :: plan
       real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
-      integer, intent(out) :: every
       real(wp), allocatable, intent(out) :: folded_share(:, :)   !! (dof, case) of the variance
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: short
@@ -55,9 +54,10 @@ contains
          end associate
          if (allocated(error)) return
       end do
-      every = plan%output%spectrum_every
-      if (every == 0) every = sparsest_allowed(plan%output%segment_length, psd)
-      folded_share = share_above(psd, every)
+      associate (every => plan%output%spectrum_every)
+         if (every == 0) every = sparsest_allowed(plan%output%segment_length, psd)
+         folded_share = share_above(psd, every)
+      end associate
       folded_share = folded_share(:, [(findloc(marched, twin(c), dim=1), c=1, size(twin))])
    end subroutine choose_every
 

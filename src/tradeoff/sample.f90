@@ -145,9 +145,9 @@ contains
    end function stripped
 
    !> A stripped plan of about n_steps, a multiple of `unit` unless the scene has fewer.
-   pure function shortened(plan, every, unit, n_steps) result(short)
+   pure function shortened(plan, unit, n_steps) result(short)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: every, unit, n_steps
+      integer, intent(in) :: unit, n_steps
       type(plan_type) :: short
       integer, parameter :: least = 4096   ! steps that show something
 
@@ -155,7 +155,7 @@ contains
       short%integration%n_steps = min(plan%integration%n_steps, max(least, n_steps))
       if (short%integration%n_steps >= unit) &
          short%integration%n_steps = unit*(short%integration%n_steps/unit)
-      short%output%spectrum_every = every
+      short%output%spectrum_every = max(plan%output%spectrum_every, 1)
       call fit_segments(short%integration%n_steps, short)
    end function shortened
 

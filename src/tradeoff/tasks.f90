@@ -81,18 +81,18 @@ module tradeoff_tasks
 contains
 
    !> Decides what is marched, within a budget of expected cost, and marches the references.
-   subroutine new_tradeoff(plan, file_force, every, scope, should_stop, tradeoff, error)
+   subroutine new_tradeoff(plan, file_force, scope, should_stop, tradeoff, error)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
-      integer, intent(in) :: every                !! every k-th step enters the scene's spectra
       type(scope_type), intent(in) :: scope
       procedure(stop_query) :: should_stop
       type(tradeoff_type), intent(out) :: tradeoff
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: of_plan, of_long   ! expected costs of a step [ns]
-      integer :: i, unit, width
+      integer :: every, i, unit, width
 
-      unit = 2*max(every, 1)
+      every = max(plan%output%spectrum_every, 1)
+      unit = 2*every
       tradeoff%scope = scope
       if (.not. allocated(scope%variants)) allocate (tradeoff%scope%variants(0))
       call choose_levels(plan, tradeoff%levels)
@@ -123,9 +123,9 @@ contains
             of_plan = 2*min(most_cases, size(plan%cases))*block_width(plan)*usual_cost
             of_long = n_batches*width*usual_cost
          end if
-         tradeoff%plan = shortened(plan, every, unit, affordable(scope%budget, of_plan))
-         tradeoff%long = shortened(plan, every, unit*n_batches, affordable(scope%budget, of_long))
-         tradeoff%wide = shortened(plan, every, unit, affordable( &
+         tradeoff%plan = shortened(plan, unit, affordable(scope%budget, of_plan))
+         tradeoff%long = shortened(plan, unit*n_batches, affordable(scope%budget, of_long))
+         tradeoff%wide = shortened(plan, unit, affordable( &
                              0.3_wp*scope%budget, tradeoff%n_wide*usual_cost*size(tradeoff%levels) &
                                    *max(1, size(tradeoff%scope%variants))))
       end associate
