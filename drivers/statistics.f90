@@ -139,7 +139,8 @@ contains
       type(column_collector), intent(inout) :: columns
       type(error_type), allocatable, intent(out) :: error
       type(selection_type) :: selection
-      integer :: first, last, n_columns, n_frequencies, range, together
+      real(wp), allocatable :: counts(:, :, :), kept(:)
+      integer :: c, first, last, n_columns, n_frequencies, p, range, together
       logical :: is_done
 
       call world%add_up(size(columns%sums), columns%sums)
@@ -157,9 +158,18 @@ contains
          do while (.not. is_done)
             call add_all()
             if (world%any_true(allocated(error))) return
-            call select_together(world, selection, is_done)
+            counts = selection%counts
+            call world%add_up(size(counts), counts)
+            call selection%check(counts, is_done)
          end do
-         call columns%take_selection(n_columns*(first - 1) + 1, n_columns*last, selection)
+         do c = 1, size(selection%kept, 2)
+            do p = 1, size(selection%kept, 1)
+               kept = selection%kept(p, c)%value
+               call world%join(kept)
+               call columns%take_selected(n_columns*(first - 1) + c, p, &
+                                          selection%order_statistics(p, c, kept))
+            end do
+         end do
       end do
 
    contains
@@ -200,27 +210,6 @@ contains
       end subroutine add_all
 
    end subroutine join_columns
-
-   !> Finds the order statistics, unless all values have to be added once more. Collective.
-   subroutine select_together(world, selection, is_done)
-      type(world_type), intent(in) :: world
-      type(selection_type), intent(inout) :: selection
-      logical, intent(out) :: is_done
-      real(wp), allocatable :: counts(:, :, :), values(:)
-      integer :: c, p
-
-      counts = selection%counts
-      call world%add_up(size(counts), counts)
-      call selection%check(counts, is_done)
-      if (.not. is_done) return
-      do c = 1, size(selection%kept, 2)
-         do p = 1, size(selection%kept, 1)
-            values = selection%kept(p, c)%value
-            call world%join(values)
-            call selection%settle(p, c, values)
-         end do
-      end do
-   end subroutine select_together
 
    !> Adds the joints of a group of samples, and their slip series.
    subroutine add_joints(self, stored, group, error)

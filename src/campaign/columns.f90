@@ -5,7 +5,7 @@
 !> intervals are order statistics (binomial, 95 %); where samples are too few for an end, it lies
 !> beyond them. Where there is more than one group, percentiles averaged over the groups are where
 !> those of all samples are looked for: `open_selection`, to which all values are added again, and
-!> `take_selection`.
+!> `take_selected`.
 !>
 !> Groups may be taken by different ranks: sums over the ranks of `sums` and `at`, which are zero
 !> where nothing was added, make a collector that has all. `at` has the same bits on any number of
@@ -40,7 +40,7 @@ module campaign_columns
       procedure :: ranks_in_group
       procedure :: add
       procedure :: open_selection
-      procedure :: take_selection
+      procedure :: take_selected
       procedure :: finish
       procedure, private :: below
       procedure, private :: is_beyond
@@ -159,22 +159,15 @@ contains
       call start_selection(place, bracket, selection)
    end subroutine open_selection
 
-   !> Puts what was selected in the place of the groups' percentiles.
-   pure subroutine take_selection(self, first, last, selection)
+   !> Puts the order statistics of a percentile that were selected in the place of the groups'.
+   pure subroutine take_selected(self, column, p, found)
       class(column_collector), intent(inout) :: self
-      integer, intent(in) :: first, last
-      type(selection_type), intent(in) :: selection
-      integer :: c, p
+      integer, intent(in) :: column, p
+      real(wp), intent(in) :: found(:)   !! as open_selection wants them
 
-      do c = 1, last - first + 1
-         do p = 1, self%n_percentiles
-            associate (found => selection%found(:, p, c))
-               self%at(first + c - 1, p, :) = [found(1) + (self%rank(p, middle) - self%below(p)) &
-                                               *(found(2) - found(1)), found(3), found(4)]
-            end associate
-         end do
-      end do
-   end subroutine take_selection
+      self%at(column, p, :) = [found(1) + (self%rank(p, middle) - self%below(p)) &
+                               *(found(2) - found(1)), found(3), found(4)]
+   end subroutine take_selected
 
    !> Computes the statistics, once all groups are added and the percentiles of all samples
    !> selected.

@@ -6,7 +6,8 @@
 !> sorted they have the order statistics, the same on any number of ranks.
 !>
 !> `start_selection`; `add` all values; `check` the sums of `counts` over the ranks, and add all
-!> again while brackets missed; `settle` each bracket by what all ranks have `kept`.
+!> again while brackets missed; then each bracket has its `order_statistics` by what all ranks have
+!> `kept`.
 module campaign_selection
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
@@ -31,14 +32,12 @@ module campaign_selection
       logical, allocatable :: is_met(:, :)               !! (percentile, column) by all places
       integer, allocatable :: n_below(:, :)              !! (percentile, column) on all ranks
       type(kept_values), allocatable, public :: kept(:, :)   !! (percentile, column) of this rank
-      !> (target, percentile, column) the order statistics, once settled
-      real(wp), allocatable, public :: found(:, :, :)
       !> (below or inside, percentile, column) this rank's values
       real(wp), allocatable, public :: counts(:, :, :)
    contains
       procedure :: add
       procedure :: check
-      procedure :: settle
+      procedure :: order_statistics
    end type selection_type
 
 contains
@@ -53,8 +52,7 @@ contains
       selection%place = place
       selection%bracket = bracket
       associate (np => size(bracket, 2), n_columns => size(bracket, 3))
-         allocate (selection%kept(np, n_columns), selection%n_below(np, n_columns), &
-                   selection%found(size(place, 1), np, n_columns))
+         allocate (selection%kept(np, n_columns), selection%n_below(np, n_columns))
          allocate (selection%is_met(np, n_columns), source=.false.)
          allocate (selection%counts(2, np, n_columns), source=0.0_wp)
          do c = 1, n_columns
@@ -113,16 +111,16 @@ contains
       all_met = all(self%is_met)
    end subroutine check
 
-   !> Finds the order statistics in a bracket.
-   pure subroutine settle(self, percentile, column, values)
-      class(selection_type), intent(inout) :: self
+   !> The order statistics in a bracket.
+   pure function order_statistics(self, percentile, column, values) result(found)
+      class(selection_type), intent(in) :: self
       integer, intent(in) :: percentile, column
       real(wp), intent(in) :: values(:)   !! that all ranks have kept
+      real(wp) :: found(size(self%place, 1))   !! (target)
 
       associate (ranking => sort_order(values))
-         self%found(:, percentile, column) = &
-            values(ranking(self%place(:, percentile) - self%n_below(percentile, column)))
+         found = values(ranking(self%place(:, percentile) - self%n_below(percentile, column)))
       end associate
-   end subroutine settle
+   end function order_statistics
 
 end module campaign_selection
