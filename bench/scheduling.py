@@ -91,9 +91,9 @@ def merge(cost: Costs, n_ranks: int, n_samples: int, n_shards: int) -> tuple[flo
     joints += (passes - 1) * share * cost.of["joints_selection"]
     root = groups * each
     beside = max(root, -(-(parts + groups) // n_ranks) * max(part, joints))
-    verified = -(-n_shards // n_ranks) * cost.shard("verify_shard", blocks)
+    verified = -(-n_shards // n_ranks) * cost.shard("read_shard", blocks)
     # read, written, and read back with its checksum
-    copied = n_shards * (2 * cost.shard("verify_shard", blocks) + cost.shard("write_shard", blocks))
+    copied = n_shards * (2 * cost.shard("read_shard", blocks) + cost.shard("write_shard", blocks))
     return verified + beside, copied
 
 

@@ -9,7 +9,7 @@ program storage
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use io_identity, only: identity_type
-   use io_shards, only: list_shards, order_shards, shard_type, stored_samples, verify_shard, &
+   use io_shards, only: list_shards, order_shards, read_shard, shard_type, stored_samples, &
                         write_shard
    use io_store, only: new_store, remove_store, shard_store
    implicit none(type, external)
@@ -58,10 +58,10 @@ contains
       call check()
       call cpu_time(began)
       do i = 1, n_shards
-         call verify_shard(store, shards(i), error)
+         call read_shard(store, shards(i), samples, error)
          call check()
       end do
-      call tell('verify_shard'//ending, began, n_shards)
+      call tell('read_shard'//ending, began, n_shards)
 
       call cpu_time(began)
       call order_shards(store, shards, stored)

@@ -2,6 +2,7 @@
 module driver_output
    use campaign_plan, only: plan_type
    use campaign_pooling, only: estimators_of
+   use campaign_results, only: block_result
    use campaign_runner, only: block_width
    use campaign_samples_needed, only: needs_more_samples, slip_error_of
    use campaign_size, only: refuse_long_lists
@@ -19,8 +20,8 @@ module driver_output
                                  stored_in_results
    use io_files, only: exists, follow_links, remove_file
    use io_lock, only: lock_type, take_lock
-   use io_shards, only: finished_samples, list_shards, named_shard, order_shards, remove_covered, &
-                        shard_type, stored_samples, verify_shard
+   use io_shards, only: finished_samples, list_shards, named_shard, order_shards, read_shard, &
+                        remove_covered, shard_type, stored_samples
    use io_store, only: new_store, remove_leftovers, remove_store, shard_store
    use parallel_world, only: stop_world, world_type
    implicit none(type, external)
@@ -133,7 +134,7 @@ contains
       call output%list_stored(plan, stored, error)
       if (.not. allocated(error)) call output%verify(stored, error)
       call output%stop_on(error)
-      call mark_finished(plan, stored%shards, output)
+      output%is_finished = finished_samples(stored%shards, plan%cases%n_samples)
       if (any(output%is_finished)) &
          call output%say('continuing: '//to_text(count(output%is_finished))//' of '// &
                          to_text(sum(plan%cases%n_samples))//' samples are there')
@@ -160,23 +161,6 @@ contains
       if (.not. (allocated(error) .or. output%is_complete .or. output%is_shared)) &
          call remove_leftovers(output%store, error)
    end subroutine take_place
-
-   !> Marks the samples that are stored, in shards or in an earlier results file.
-   subroutine mark_finished(plan, shards, output)
-      type(plan_type), intent(in) :: plan
-      type(shard_type), intent(in) :: shards(:)
-      type(output_type), intent(inout) :: output
-      integer :: c
-
-      if (allocated(output%is_finished)) deallocate (output%is_finished)
-      allocate (output%is_finished(maxval([plan%cases%n_samples, 0]), size(plan%cases)), &
-                source=.false.)
-      do c = 1, size(plan%cases)
-         associate (n => plan%cases(c)%n_samples)
-            output%is_finished(:n, c) = finished_samples(shards, c, n)
-         end associate
-      end do
-   end subroutine mark_finished
 
    !> Takes up an earlier results file: it is complete, or has fewer samples than are wanted now.
    subroutine take_up_results(plan, output, error)
@@ -277,7 +261,7 @@ contains
       type(stored_samples) :: stored
 
       call self%list_stored(plan, stored, error)
-      call mark_finished(plan, stored%shards, self)
+      self%is_finished = finished_samples(stored%shards, plan%cases%n_samples)
    end subroutine look_again
 
    !> Finds the samples of the store, for all ranks as the root lists them: other machines may not
@@ -314,12 +298,13 @@ contains
       class(output_type), intent(in) :: self
       type(stored_samples), intent(in) :: stored   !! the same on all ranks
       type(error_type), allocatable, intent(out) :: error
+      type(block_result) :: block
       integer :: i
 
       do i = 1 + self%world%rank, min(size(stored%shards), merge(1, huge(1), self%is_shared)), &
          self%world%n_ranks
          if (stored%shards(i)%group /= '') cycle   ! in a results file, which was read whole
-         call verify_shard(stored%store, stored%shards(i), error)
+         call read_shard(stored%store, stored%shards(i), block, error)
          if (allocated(error)) return
       end do
    end subroutine verify
@@ -332,10 +317,12 @@ contains
 
       is_ours = .true.
       if (.not. self%is_shared) return
-      is_ours = .not. is_stored(self, block)
-      if (is_ours) is_ours = self%lock%claim(number_of(block))
+      is_ours = self%lock%claim(number_of(block))
       if (.not. is_ours) return
-      is_ours = .not. is_stored(self, block)   ! finished between our looking and our claim
+      associate (shard => named_shard(self%store, block%case_number, block%first, &
+                                      block%last - block%first + 1))
+         is_ours = .not. exists(shard%path)   ! finished before our claim
+      end associate
       if (.not. is_ours) call self%lock%give_back(number_of(block))
    end function take
 
@@ -346,17 +333,6 @@ contains
 
       if (self%is_shared) call self%lock%give_back(number_of(block))
    end subroutine give_back
-
-   function is_stored(self, block)
-      class(output_type), intent(in) :: self
-      type(block_range), intent(in) :: block
-      logical :: is_stored
-
-      associate (shard => named_shard(self%store, block%case_number, block%first, &
-                                      block%last - block%first + 1))
-         is_stored = exists(shard%path)
-      end associate
-   end function is_stored
 
    !> Number of a block in the lock, the same for every run.
    pure function number_of(block) result(number)

@@ -6,7 +6,7 @@ module driver_provenance
    use config_scene, only: scene_type
    use core_error, only: error_type
    use driver_build_info, only: architecture, build_type, compiler_flags, git_commit, version
-   use io_hdf5, only: hdf5_file, hdf5_library, hdf5_object, object_of
+   use io_hdf5, only: hdf5_file, hdf5_library, hdf5_object
    use io_identity, only: identity_type
    use io_store, only: begin_file, discard_file, shard_store
    use numerics_fftw, only: fftw_library
@@ -46,7 +46,7 @@ contains
 
       call begin_file(store%output, store%identity, file, error)
       if (allocated(error)) return
-      root = object_of(file, '/')
+      root = hdf5_object(file, '/')
       call root%attribute('seed', plan%seed)
       call root%attribute('n_ranks', n_ranks)
       call root%attribute('title', plan%title)

@@ -15,7 +15,7 @@ module driver_results
    use driver_provenance, only: begin_results
    use driver_regression, only: find_estimates
    use driver_statistics, only: case_task, open_case
-   use io_blocks, only: put_short
+   use io_blocks, only: put_block
    use io_case_statistics, only: write_audit, write_estimates
    use io_group, only: group_type
    use io_hdf5, only: hdf5_file
@@ -192,7 +192,7 @@ contains
          call attend_to_others()
          call stored%read(number, first(g), first(g + 1) - 1, samples, error)
          if (allocated(error)) return
-         call put_short(group, plan, samples)
+         call put_block(group, plan, samples)
       end do
    end subroutine write_short
 

@@ -11,33 +11,31 @@ module campaign_comparison
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
    use numerics_statistics, only: mean, standard_deviation
+   use statistics_estimates, only: statistic_type
    use statistics_order, only: at_rank
    implicit none(type, external)
    private
-   public :: difference_type, numerical_error, spectrum_comparison, compare_slip, compare_spectra
+   public :: numerical_error, spectrum_comparison, compare_slip, compare_spectra
    public :: slip_error, band_ratio_error, ratio_replicates, change_of_ratios
 
    real(wp), parameter :: points = 100.0_wp   !! of percent in a fraction
 
-   !> A difference of the first march from the second with its standard error, of which one sample
-   !> tells nothing. Not allocated: not asked for, or it needs two samples.
-   type :: difference_type
-      real(wp), allocatable :: value(:), error(:)   !! (joint or dof)
-   end type difference_type
-
-   !> Differences in what is published.
+   !> Differences of the first march from the second in what is published, (joint or dof), with
+   !> their standard errors, of which one sample tells nothing. Not allocated: not asked for, or it
+   !> needs two samples.
    type :: numerical_error
-      type(difference_type) :: slip_mean           !! of the mean slip fraction [points]
-      type(difference_type) :: slip_rms            !! over samples, of one sample [points]
-      type(difference_type) :: slip_std            !! of the std over samples [points]
-      real(wp), allocatable :: slip_largest(:)     !! (joint) of one sample [points]
+      integer :: n_samples = 0                                !! that were compared
+      type(statistic_type), allocatable :: slip_mean(:)       !! of the mean slip fraction [points]
+      type(statistic_type), allocatable :: slip_rms(:)        !! over samples, of one [points]
+      type(statistic_type), allocatable :: slip_std(:)        !! of the std over samples [points]
+      real(wp), allocatable :: slip_largest(:)                !! (joint) of one sample [points]
       !> integral over frequency of the absolute difference of the mean densities, relative to that
       !> of the density
-      type(difference_type) :: psd_mean
-      type(difference_type), allocatable :: psd_percentiles(:)   !! (percentile over samples) alike
+      type(statistic_type), allocatable :: psd_mean(:)
+      type(statistic_type), allocatable :: psd_percentiles(:, :)   !! (dof, percentile) alike
       !> relative, of the ratio of the last to the first percentile's pseudo-variance; 0 for a dof
       !> that does not move in that share of the samples
-      type(difference_type) :: band_ratio
+      type(statistic_type), allocatable :: band_ratio(:)
    end type numerical_error
 
    !> Spectra that exist twice, compared range by range of their frequencies, in ascending order.
@@ -73,7 +71,7 @@ contains
       real(wp) :: largest
 
       largest = 0.0_wp
-      if (allocated(errors%band_ratio%value)) largest = maxval(abs(errors%band_ratio%value))
+      if (allocated(errors%band_ratio)) largest = maxval(abs(errors%band_ratio%value))
    end function band_ratio_error
 
    !> Ratio of the last to the first percentile's pseudo-variance, Eq. (46), of all samples
@@ -99,7 +97,7 @@ contains
    pure function change_of_ratios(tested, reference, n_all) result(change)
       real(wp), intent(in) :: tested(:, :), reference(:, :)   !! (replicate, dof)
       integer, intent(in) :: n_all
-      type(difference_type) :: change
+      type(statistic_type) :: change(size(tested, 2))
 
       change = difference_of(relative_change(tested, reference), n_all)
    end function change_of_ratios
@@ -108,7 +106,7 @@ contains
    pure function difference_of(replicates, n_all) result(difference)
       real(wp), intent(in) :: replicates(0:, :)   !! (replicate, joint or dof)
       integer, intent(in) :: n_all                !! samples of the case
-      type(difference_type) :: difference
+      type(statistic_type) :: difference(size(replicates, 2))
       integer :: i
 
       difference%value = replicates(0, :)
@@ -127,6 +125,7 @@ contains
       integer :: i, joint, last, n
 
       n = size(tested, 2)
+      errors%n_samples = n
       last = merge(n, 0, n > 1)
       allocate (of_mean(0:last, size(tested, 1)))
       allocate (of_rms, of_std, mold=of_mean)
@@ -216,14 +215,11 @@ contains
       associate (tested => self%integral(:, :, of_tested, :), &
                  reference => self%integral(:, :, of_reference, :), &
                  apart => self%integral(:, :, of_difference, :))   ! all from 1 on
-         if (n == 1) then
-            errors%psd_mean = difference_of(share(apart(1, :1, :), reference(1, :1, :)), n_all)
-            return
-         end if
          errors%psd_mean = difference_of(share(apart(1, :, :), reference(1, :, :)), n_all)
-         allocate (errors%psd_percentiles(last))
+         if (n == 1) return
+         allocate (errors%psd_percentiles(size(self%integral, 4), last))
          do p = 1, last
-            errors%psd_percentiles(p) = &
+            errors%psd_percentiles(:, p) = &
                difference_of(share(apart(1 + p, :, :), reference(1 + p, :, :)), n_all)
          end do
          errors%band_ratio = &

@@ -7,11 +7,11 @@ module io_blocks
    use core_chunks, only: frequencies_together
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use io_group, only: group_of, group_type
+   use io_group, only: group_type
    use io_hdf5, only: allocate_for, hdf5_file, label_type, make_dataset, move_rows, read_extent
    implicit none(type, external)
    private
-   public :: put_long, put_short, read_block, write_blocks
+   public :: put_block, read_block, write_blocks
 
    integer, parameter :: writes = 1, reads = 2, puts = 3   !! what a visitor does
 
@@ -46,7 +46,7 @@ contains
                                                            block%before + block%n_samples)%n)
          end associate
       end do
-      w%group = group_of(file, '/')
+      w%group = group_type(file=file, path='/')
       do i = 1, size(blocks)
          w%before = blocks(i)%first_sample - blocks(1)%first_sample
          w%place = blocks(i)%before
@@ -70,7 +70,7 @@ contains
       type(dataset_visitor) :: w
 
       w%deed = reads
-      w%group = group_of(file, group)
+      w%group = group_type(file=file, path=group)
       w%before = before
       w%place = place
       w%n = n
@@ -80,49 +80,33 @@ contains
       call w%group%take_error(error)
    end subroutine read_block
 
-   !> Puts the short datasets of a block among those of all samples of its case.
-   subroutine put_short(group, plan, block)
-      type(group_type), intent(inout) :: group
-      type(plan_type), intent(in) :: plan
-      type(block_result), intent(inout) :: block   !! left as it was
-      type(dataset_visitor) :: w
-
-      call start_putting(group, plan, block, w)
-      call visit_short(w, block)
-      group = w%group
-   end subroutine put_short
-
-   !> Puts its series, spectra and histories there, and its transitions below those of the samples
+   !> Puts the short datasets of a block among those of all samples of its case. Or, with `rows`,
+   !> the long ones: series, spectra and histories, and its transitions below those of the samples
    !> before it.
-   subroutine put_long(group, plan, block, rows, n_rows)
+   subroutine put_block(group, plan, block, rows, n_rows)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
-      type(block_result), intent(inout) :: block   !! left as it was
-      integer, intent(inout) :: rows               !! transitions that are there
-      integer, intent(in) :: n_rows                !! transitions of all samples
+      type(block_result), intent(inout) :: block      !! left as it was
+      integer, intent(inout), optional :: rows        !! transitions that are there
+      integer, intent(in), optional :: n_rows         !! transitions of all samples
       type(dataset_visitor) :: w
-
-      call start_putting(group, plan, block, w)
-      w%first_number = plan%cases(block%case_number)%first_sample - 1
-      w%rows = rows
-      w%n_rows = n_rows
-      call visit_long(w, block)
-      rows = w%rows
-      group = w%group
-   end subroutine put_long
-
-   subroutine start_putting(group, plan, block, w)
-      type(group_type), intent(in) :: group
-      type(plan_type), intent(in) :: plan
-      type(block_result), intent(in) :: block
-      type(dataset_visitor), intent(inout) :: w
 
       w%deed = puts
       w%group = group
       w%before = block%first_sample - 1
       w%n_all = plan%cases(block%case_number)%n_samples
       w%n = min(block%n_samples, w%n_all - w%before)
-   end subroutine start_putting
+      if (present(rows)) then
+         w%first_number = plan%cases(block%case_number)%first_sample - 1
+         w%rows = rows
+         w%n_rows = n_rows
+         call visit_long(w, block)
+         rows = w%rows
+      else
+         call visit_short(w, block)
+      end if
+      group = w%group
+   end subroutine put_block
 
    !> Visits what is small whatever the length of the march.
    subroutine visit_short(w, block)

@@ -2,14 +2,14 @@
 !> `plain/`, and in `error_ratio/` how much larger the errors of those are. In `audit/` its samples
 !> as the reference marched them, and what the differences tell of the case's numerical error.
 module io_case_statistics
-   use campaign_comparison, only: band_ratio_error, difference_type, numerical_error, slip_error
+   use campaign_comparison, only: band_ratio_error, numerical_error, slip_error
    use campaign_estimates, only: case_estimates
    use campaign_plan, only: integration_settings, kept_of, plan_type, reference_for
    use campaign_results, only: block_result, case_statistics, n_quantities, spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: numbered
-   use io_blocks, only: put_short
+   use io_blocks, only: put_block
    use io_files, only: folder_of
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file
@@ -270,65 +270,57 @@ contains
                            'values at least the root mean square over joints or dofs')
       call group%put_axis('sample', samples%n_samples, 'sample')
       call write_dofs(group, plan)
-      call put_short(group, plan, samples)
-      call write_slip_errors(group, errors)
+      call put_block(group, plan, samples)
       if (plan%output%spectrum) then
          call group%put('frequency', layout%frequency, 'Hz', 'frequency', 'frequency')
          call group%put('percentile', plan%output%percentiles, '%', 'percentile over samples', &
                         'percentile')
-         call write_spectrum_errors(group, errors)
+         call group%attribute('band_ratio', band_ratio_error(errors))
       end if
+      call group%attribute('slip_points', slip_error(errors))
+      call write_errors(group, errors)
       call finish_case(group, plan, number, stored, error)
    end subroutine write_audit
 
-   !> Writes the differences of slip fractions, case less reference [percentage points].
-   subroutine write_slip_errors(group, errors)
+   !> Writes the differences, case less reference, as far as they are known: of slip fractions
+   !> [percentage points], and of spectra, relative, integrated over frequency.
+   subroutine write_errors(group, errors)
       type(group_type), intent(inout) :: group
       type(numerical_error), intent(in) :: errors
 
-      call group%attribute('slip_points', slip_error(errors))
-      call put_difference(group, 'slip_mean_difference', errors%slip_mean, '%', &
-                          'numerical error of slip_mean', 'joint')
-      call put_difference(group, 'slip_rms_difference', errors%slip_rms, '%', &
-                          'numerical error of slip_fraction, root mean square over samples', &
-                          'joint')
+      call put('slip_mean_difference', errors%slip_mean, '%', 'numerical error of slip_mean', &
+               'joint')
+      call put('slip_rms_difference', errors%slip_rms, '%', &
+               'numerical error of slip_fraction, root mean square over samples', 'joint')
       call group%put('slip_largest_difference', errors%slip_largest, '%', &
                      'numerical error of slip_fraction, largest of a sample', 'joint')
-      call put_difference(group, 'slip_std_difference', errors%slip_std, '%', &
-                          'numerical error of slip_std', 'joint')
-   end subroutine write_slip_errors
-
-   !> Writes the relative differences of spectra, integrated over frequency.
-   subroutine write_spectrum_errors(group, errors)
-      type(group_type), intent(inout) :: group
-      type(numerical_error), intent(in) :: errors
-      integer :: p
-
-      call group%attribute('band_ratio', band_ratio_error(errors))
-      call put_difference(group, 'psd_mean_difference', errors%psd_mean, '1', 'numerical error '// &
-                          'of psd_mean, relative: integral of its absolute value', 'kept')
-      call put_difference(group, 'band_ratio_difference', errors%band_ratio, '1', &
-                          'numerical error of band_ratio, relative', 'kept')
+      call put('slip_std_difference', errors%slip_std, '%', 'numerical error of slip_std', 'joint')
+      call put('psd_mean_difference', errors%psd_mean, '1', &
+               'numerical error of psd_mean, relative: integral of its absolute value', 'kept')
+      call put('band_ratio_difference', errors%band_ratio, '1', &
+               'numerical error of band_ratio, relative', 'kept')
       if (.not. allocated(errors%psd_percentiles)) return
-      associate (of => errors%psd_percentiles, n_dof => size(errors%psd_mean%value))
-         call group%put('psd_percentiles_difference', &
-                        reshape([(of(p)%value, p=1, size(of))], [n_dof, size(of)]), '1', &
-                        'numerical error of psd_percentiles, relative: integral of its '// &
-                        'absolute value', 'percentile kept')
-         call group%put('psd_percentiles_difference_error', &
-                        reshape([(of(p)%error, p=1, size(of))], [n_dof, size(of)]), '1', &
-                        'standard error of psd_percentiles_difference', 'percentile kept')
+      associate (of => errors%psd_percentiles)
+         call put('psd_percentiles_difference', reshape(of, [size(of)]), '1', &
+                  'numerical error of psd_percentiles, relative: integral of its absolute value', &
+                  'percentile kept', shape(of))
       end associate
-   end subroutine write_spectrum_errors
 
-   !> Writes a difference, and its standard error beside it, as far as they are known.
-   subroutine put_difference(group, name, difference, units, about, axis)
-      type(group_type), intent(inout) :: group
-      character(*), intent(in) :: name, units, about, axis
-      type(difference_type), intent(in) :: difference
+   contains
 
-      call group%put(name, difference%value, units, about, axis)
-      call group%put(name//'_error', difference%error, units, 'standard error of '//name, axis)
-   end subroutine put_difference
+      !> Puts a difference, and its standard error beside it, which one sample does not tell.
+      subroutine put(name, difference, units, about, axes, extents)
+         character(*), intent(in) :: name, units, about, axes
+         type(statistic_type), intent(in), optional :: difference(:)
+         integer, intent(in), optional :: extents(:)
+
+         if (.not. present(difference)) return
+         call group%put(name, difference%value, units, about, axes, extents=extents)
+         if (errors%n_samples > 1) &
+            call group%put(name//'_error', difference%error, units, 'standard error of '//name, &
+                           axes, extents=extents)
+      end subroutine put
+
+   end subroutine write_errors
 
 end module io_case_statistics

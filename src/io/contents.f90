@@ -8,7 +8,7 @@ module io_contents
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
    use core_text, only: to_text
-   use io_hdf5, only: check_dataset, hdf5_file, hdf5_object, object_of, read_shape
+   use io_hdf5, only: check_dataset, hdf5_file, hdf5_object, read_shape
    implicit none(type, external)
    private
    public :: check_contents, note_contents
@@ -35,7 +35,7 @@ contains
       type(hdf5_object) :: object
       integer :: i
 
-      object = object_of(file, group)
+      object = hdf5_object(file, group)
       object%seals_texts = .true.
       call list_members(file, group, members, object%error)
       call object%attribute(list, joined(members))
@@ -70,7 +70,7 @@ contains
       type(hdf5_object) :: object
       integer :: first, i, length
 
-      object = object_of(file, group)
+      object = hdf5_object(file, group)
       call object%read(list, noted)
       call object%take_error(error)
       if (.not. allocated(error)) call list_members(file, group, members, error)

@@ -8,8 +8,8 @@ module io_earlier_results
    use core_source, only: is_hdf5_file
    use io_contents, only: check_contents
    use io_files, only: exists
-   use io_group, only: group_of, group_type
-   use io_hdf5, only: hdf5_file, hdf5_object, object_of, open_hdf5
+   use io_group, only: group_type
+   use io_hdf5, only: hdf5_file, hdf5_object, open_hdf5
    use io_identity, only: identity_type, refuse_foreign, require_command, require_same
    use io_results, only: case_group
    use io_shards, only: finished_samples, shard_type
@@ -86,7 +86,7 @@ contains
       allocate (found(0))
       do i = 1, 2*n_own
          n = 0
-         group = object_of(file, case_group(i, n_own))
+         group = hdf5_object(file, case_group(i, n_own))
          if (file%has(group%path)) call group%read('n_samples', n)
          call group%take_error(error)
          if (allocated(error)) exit
@@ -103,20 +103,20 @@ contains
       integer, intent(in) :: together       !! samples that are read at once
       type(shard_type), intent(in) :: shards(:)
       type(shard_type), allocatable :: stored(:)
+      logical, allocatable :: is_there(:, :)   ! (sample, case and audit) in a shard
       integer :: c, first, last, n
 
+      is_there = finished_samples(shards, n_samples)
       allocate (stored(sum((n_samples + together - 1)/together)))
       n = 0
       do c = 1, size(n_samples)
-         associate (is_there => finished_samples(shards, c, n_samples(c)))
-            do first = 1, n_samples(c), together
-               last = min(first + together - 1, n_samples(c))
-               if (all(is_there(first:last))) cycle
-               n = n + 1
-               stored(n) = shard_type(path, c, first, last - first + 1, &
-                                      case_group(c, size(n_samples)/2), first - 1)
-            end do
-         end associate
+         do first = 1, n_samples(c), together
+            last = min(first + together - 1, n_samples(c))
+            if (all(is_there(first:last, c))) cycle
+            n = n + 1
+            stored(n) = shard_type(path, c, first, last - first + 1, &
+                                   case_group(c, size(n_samples)/2), first - 1)
+         end do
       end do
       stored = stored(:n)
    end function stored_in_results

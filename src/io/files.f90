@@ -12,10 +12,10 @@ module io_files
    implicit none(type, external)
    private
    public :: exists, file_size, folder_of, host_name, is_folder, process_id, shows_on_terminal
-   public :: follow_links, list_files, list_unfinished, make_folder, remove_file, rename_file, &
-             sync_file, unfinished_name
+   public :: follow_links, list_files, make_folder, remove_file, rename_file, sync_file, &
+             unfinished_name
 
-   character(*), parameter :: unfinished = '.part-'   !! in names of files that are being filled
+   character(*), parameter, public :: unfinished = '.part-'   !! in names of files that are filled
 
 contains
 
@@ -151,59 +151,27 @@ contains
       closed = c_fclose(stream)
    end subroutine sync_file
 
-   !> Lists the paths folder/name of finished files in a folder, sorted, without hidden files.
-   subroutine list_files(folder, paths, error)
-      character(*), intent(in) :: folder
+   !> Lists the paths that begin with a text and have another one in the rest, sorted, without
+   !> hidden files; none where the folder is not there.
+   subroutine list_files(begin, part, paths, error)
+      character(*), intent(in) :: begin, part   !! 'folder/' and '' for all that is in a folder
       character(:), allocatable, intent(out) :: paths(:)   !! padded with blanks
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: all_paths(:)
-      logical :: stands
-      integer :: i, n
-
-      call list_matches(escaped(folder)//'/*', all_paths, error)
-      stands = is_folder(folder)
-      if (.not. (allocated(error) .or. stands)) &
-         call raise_system(system_error(), folder//': cannot list this folder', error)
-      n = 0
-      do i = 1, size(all_paths)
-         if (index(all_paths(i), unfinished, back=.true.) > len(folder)) cycle
-         n = n + 1
-         all_paths(n) = all_paths(i)
-      end do
-      allocate (paths, source=all_paths(:n))
-   end subroutine list_files
-
-   !> Lists the files that processes are writing or left unfinished when killed: those of one path,
-   !> or all in a folder.
-   subroutine list_unfinished(path, paths, error)
-      character(*), intent(in) :: path
-      character(:), allocatable, intent(out) :: paths(:)   !! padded with blanks
-      type(error_type), allocatable, intent(out) :: error
-
-      if (is_folder(path)) then
-         call list_matches(escaped(path)//'/*'//unfinished//'*', paths, error)
-      else
-         call list_matches(escaped(path)//unfinished//'*', paths, error)
-      end if
-   end subroutine list_unfinished
-
-   subroutine list_matches(pattern, paths, error)
-      character(*), intent(in) :: pattern   !! of glob(3)
-      character(:), allocatable, intent(out) :: paths(:)   !! padded with blanks
-      type(error_type), allocatable, intent(out) :: error
-      integer(c_int), parameter :: fail_when_unreadable = 1, no_match = 3
+      integer(c_int), parameter :: fail_when_unreadable = 1, no_match = 3, enoent = 2
       integer(c_long) :: found(16)   ! glob_t has 9 words
       type(c_ptr) :: list
       type(c_ptr), pointer :: names(:)
-      integer(c_int) :: status
+      integer(c_int) :: number, status
       integer :: i
 
       found = 0
-      status = c_glob(pattern//c_null_char, fail_when_unreadable, c_null_ptr, found)
+      status = c_glob(escaped(begin)//'*'//part//'*'//c_null_char, fail_when_unreadable, &
+                      c_null_ptr, found)
       if (status /= 0) then
+         number = system_error()
          allocate (character(0) :: paths(0))
-         if (status /= no_match) call raise_system(system_error(), folder_of(pattern)// &
-                                                   ': cannot list this folder', error)
+         if (status /= no_match .and. number /= enoent) &
+            call raise_system(number, folder_of(begin)//': cannot list this folder', error)
          return
       end if
       list = transfer(found(2), list)
@@ -214,7 +182,7 @@ contains
          paths(i) = text_at(names(i))
       end do
       call c_globfree(found)
-   end subroutine list_matches
+   end subroutine list_files
 
    !> The path with glob's wildcards made ordinary characters.
    pure function escaped(path) result(pattern)

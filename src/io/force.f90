@@ -4,7 +4,7 @@ module io_force
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use io_files, only: file_size
-   use io_hdf5, only: hdf5_file, hdf5_object, object_of, open_hdf5, read_dataset, read_shape
+   use io_hdf5, only: hdf5_file, hdf5_object, open_hdf5, read_dataset, read_shape
    implicit none(type, external)
    private
    public :: read_force_hdf5
@@ -42,7 +42,7 @@ contains
          call raise(error, exit_bad_input, file%path//': has no dataset '//name)
          return
       end if
-      dataset = object_of(file, name)
+      dataset = hdf5_object(file, name)
       if (.not. dataset%has_attribute('dt')) return
       call dataset%read('dt', found)
       call dataset%take_error(error)

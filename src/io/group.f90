@@ -5,7 +5,7 @@ module io_group
                       write_dataset
    implicit none(type, external)
    private
-   public :: group_of, group_type, new_group
+   public :: group_type, new_group
 
    !> A group with its datasets.
    type, extends(hdf5_object) :: group_type
@@ -36,16 +36,6 @@ contains
       group%file = file
       call group%go_to(path)
    end function new_group
-
-   !> The group at a path, there or not; '/': all of the file.
-   function group_of(file, path) result(group)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      type(group_type) :: group
-
-      group%file = file
-      group%path = path
-   end function group_of
 
    !> Path of a member.
    pure function at(self, name) result(path)

@@ -2,7 +2,7 @@
 !> itself says nothing. The rooms behind it are io_hdf5_file, io_hdf5_values, io_hdf5_writing and
 !> io_hdf5_attributes.
 module io_hdf5
-   use io_hdf5_attributes, only: hdf5_object, object_of
+   use io_hdf5_attributes, only: hdf5_object
    use io_hdf5_file, only: create_hdf5, hdf5_file, hdf5_library, open_hdf5
    use io_hdf5_values, only: allocate_for, check_dataset, move_part, move_rows, read_dataset, &
                              read_extent, read_shape
@@ -12,6 +12,6 @@ module io_hdf5
    public :: hdf5_file, create_hdf5, hdf5_library, open_hdf5
    public :: label_type, allocate_for, check_dataset, make_dataset, move_part, move_rows, &
              read_dataset, read_extent, read_shape, write_dataset
-   public :: hdf5_object, object_of
+   public :: hdf5_object
 
 end module io_hdf5

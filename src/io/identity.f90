@@ -2,7 +2,7 @@
 module io_identity
    use core_error, only: error_type, exit_file, raise
    use core_text, only: to_text
-   use io_hdf5, only: hdf5_file, hdf5_object, object_of
+   use io_hdf5, only: hdf5_file, hdf5_object
    implicit none(type, external)
    private
    public :: identity_type, refuse_foreign, require_command, require_same, write_identity
@@ -28,7 +28,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_object) :: root
 
-      root = object_of(file, '/')
+      root = hdf5_object(file, '/')
       root%seals_texts = .true.
       call root%attribute('format_version', format_version)
       call root%attribute('program', 'entroslip')
@@ -53,7 +53,7 @@ contains
 
       call require_command(file, identity%command, error)
       if (allocated(error)) return
-      root = object_of(file, '/')
+      root = hdf5_object(file, '/')
       call root%read('format_version', found)
       if (.not. allocated(root%error) .and. found /= format_version) then
          call raise(error, exit_file, file%path//' has format version '//to_text(found)// &
@@ -89,53 +89,33 @@ contains
    end subroutine require_same
 
    !> The values that differ between the settings of a file and those of the scene; the first few,
-   !> and how many more.
+   !> and how many more. Those that the file does not use come last.
    function difference(theirs, ours) result(text)
       character(*), intent(in) :: theirs, ours   !! as in identity_type
       character(:), allocatable :: text
+      character, parameter :: line_feed = new_line('a')
       integer, parameter :: most_named = 3
+      character(:), allocatable :: our_value, rest, their_value
       integer :: n
 
+      rest = theirs//line_feed//ours//line_feed
       text = ''
       n = 0
-      call compare(theirs, ours, .false.)
-      call compare(ours, theirs, .true.)
-      if (n > most_named) text = text//' and '//to_text(n - most_named)//' more'
-
-   contains
-
-      !> Adds the values that differ; of ours only those that the file does not use.
-      subroutine compare(these, others, are_ours)
-         character(*), intent(in) :: these, others
-         logical, intent(in) :: are_ours
-         character(:), allocatable :: name, other, value
-         integer :: first, last, separator
-
-         first = 1
-         do while (first <= len(these))
-            last = first + index(these(first:)//new_line('a'), new_line('a')) - 2
-            separator = first + index(these(first:last)//' = ', ' = ') - 1
-            name = these(first:separator - 1)
-            value = these(separator + 3:last)
-            other = value_of(name, others)
-            if (are_ours) then
-               if (other == unused) call add(name, unused, value)
-            else if (other /= value) then
-               call add(name, value, other)
+      do while (len(rest) > 0)
+         associate (name => rest(:index(rest, ' = ') - 1))
+            their_value = value_of(name, theirs)
+            our_value = value_of(name, ours)
+            if (their_value /= our_value .and. &
+                (len(rest) > len(ours) + 1 .or. their_value == unused)) then
+               n = n + 1
+               if (n > 1 .and. n <= most_named) text = text//'; '
+               if (n <= most_named) text = text//name//' = '//brief(their_value)//', here '// &
+                                           brief(our_value)
             end if
-            first = last + 2
-         end do
-      end subroutine compare
-
-      subroutine add(name, value, our_value)
-         character(*), intent(in) :: name, value, our_value
-
-         n = n + 1
-         if (n > most_named) return
-         if (n > 1) text = text//'; '
-         text = text//name//' = '//brief(value)//', here '//brief(our_value)
-      end subroutine add
-
+         end associate
+         rest = rest(index(rest, line_feed) + 1:)
+      end do
+      if (n > most_named) text = text//' and '//to_text(n - most_named)//' more'
    end function difference
 
    !> The value of a name in settings.
@@ -169,7 +149,7 @@ contains
       character(:), allocatable :: found, program
       type(hdf5_object) :: root
 
-      root = object_of(file, '/')
+      root = hdf5_object(file, '/')
       program = ''
       if (root%has_attribute('program')) call root%read('program', program)
       if (program == 'entroslip') call root%read('command', found)

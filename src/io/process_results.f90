@@ -6,37 +6,28 @@ module io_process_results
    use core_kinds, only: wp
    use core_text, only: numbered
    use io_files, only: exists
-   use io_group, only: group_of, group_type, new_group
+   use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file, open_hdf5
-   use io_store, only: finish_file, name_of, open_own, shard_store, start_file
+   use io_store, only: finish_file, open_own, shard_store, start_file
    use process_components, only: axis_type, component, component_visitor, forget_components, &
                                  visit_components
    use process_model, only: process_model_type, process_request
    use process_reference, only: law_name
    implicit none(type, external)
    private
-   public :: is_process_shard, keep_process, read_kept, write_process
+   public :: keep_process, process_name, read_kept, write_process
 
    character(*), parameter :: solution = '/solution'   !! group of a shard
    character(*), parameter :: advice = '; remove it to have its process solved again'
 
-   !> Writes each component into a group.
-   type, extends(component_visitor) :: writing_visitor
+   !> Writes each component into a group, or reads it from there.
+   type, extends(component_visitor) :: group_visitor
       type(group_type) :: group
+      logical :: writes = .false.
    contains
-      procedure :: visit_real => put_real
-      procedure :: visit_text => put_text
-      procedure :: visit_table => put_table
-   end type writing_visitor
-
-   !> Reads each component of a group.
-   type, extends(component_visitor) :: reading_visitor
-      type(group_type) :: group
-   contains
-      procedure :: visit_real => take_real
-      procedure :: visit_text => take_text
-      procedure :: visit_table => take_table
-   end type reading_visitor
+      procedure :: visit_table
+      procedure :: visit_real, visit_text
+   end type group_visitor
 
 contains
 
@@ -61,10 +52,11 @@ contains
       type(group_type), intent(inout) :: group
       type(process_model_type), intent(in) :: model
       type(process_model_type) :: copy
-      type(writing_visitor) :: visitor
+      type(group_visitor) :: visitor
 
       copy = model
       visitor%group = group
+      visitor%writes = .true.
       call visit_components(visitor, copy)
       group = visitor%group
    end subroutine write_solution
@@ -75,9 +67,9 @@ contains
       character(*), intent(in) :: group
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
-      type(reading_visitor) :: visitor
+      type(group_visitor) :: visitor
 
-      visitor%group = group_of(file, group)
+      visitor%group = group_type(file=file, path=group)
       call forget_components(model)
       call visit_components(visitor, model)
       call visitor%group%take_error(error)
@@ -110,54 +102,75 @@ contains
       call group%attribute('max_order', request%max_order)
    end subroutine write_request
 
-   subroutine put_real(self, what, value, error)
-      class(writing_visitor), intent(inout) :: self
+   subroutine visit_real(self, what, value, error)
+      class(group_visitor), intent(inout) :: self
       type(component), intent(in) :: what
       real(wp), intent(inout) :: value
       real(wp), intent(inout), optional :: error
+      character(:), allocatable :: name
 
-      if (what%is_optional .and. .not. abs(value) > 0.0_wp) return
-      if (what%is_whole) then
-         call self%group%attribute(trim(what%name), nint(value))
+      name = trim(what%name)
+      if (self%writes) then
+         if (what%is_optional .and. .not. abs(value) > 0.0_wp) return
+         if (what%is_whole) then
+            call self%group%attribute(name, nint(value))
+         else if (what%about == '') then
+            call self%group%attribute(name, value)
+         else
+            call self%group%put_value(name, value, trim(what%units), trim(what%about), error)
+         end if
       else if (what%about == '') then
-         call self%group%attribute(trim(what%name), value)
+         call self%group%read(name, value)
       else
-         call self%group%put_value(trim(what%name), value, trim(what%units), trim(what%about), &
-                                   error)
+         if (what%is_optional) then
+            value = 0.0_wp
+            if (.not. self%group%has(name)) return
+         end if
+         call self%group%get_number(name, value)
+         if (present(error)) call self%group%get_number(name//'_error', error)
       end if
-   end subroutine put_real
+   end subroutine visit_real
 
-   subroutine put_text(self, what, value)
-      class(writing_visitor), intent(inout) :: self
+   subroutine visit_text(self, what, value)
+      class(group_visitor), intent(inout) :: self
       type(component), intent(in) :: what
       character(:), allocatable, intent(inout) :: value
 
-      if (allocated(value)) call self%group%attribute(trim(what%name), value)
-   end subroutine put_text
+      if (self%writes) then
+         if (allocated(value)) call self%group%attribute(trim(what%name), value)
+      else if (self%group%has_attribute(trim(what%name))) then
+         call self%group%read(trim(what%name), value)
+      end if
+   end subroutine visit_text
 
-   subroutine put_table(self, what, values)
-      class(writing_visitor), intent(inout) :: self
+   subroutine visit_table(self, what, values)
+      class(group_visitor), intent(inout) :: self
       type(component), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:, :)
-      character(:), allocatable :: axes, kind
+      real(wp), allocatable :: row(:)
+      character(:), allocatable :: axes
+      logical :: is_row
 
-      if (.not. allocated(values)) return
-      call put_axis(self, what%axis, size(values, 2))
-      axes = trim(what%axis%name)
-      kind = trim(merge('integer', 'real   ', what%is_whole))
-      if (what%rows%name == '') then
-         call self%group%put(trim(what%name), reshape(values, [size(values)]), trim(what%units), &
-                             trim(what%about), axes, kind)
-      else
-         call put_axis(self, what%rows, size(values, 1))
+      is_row = what%rows%name == ''
+      if (self%writes) then
+         if (.not. allocated(values)) return
+         call put_axis(self, what%axis, size(values, 2))
+         if (.not. is_row) call put_axis(self, what%rows, size(values, 1))
+         axes = trim(what%axis%name)//' '//what%rows%name
          call self%group%put(trim(what%name), values, trim(what%units), trim(what%about), &
-                             axes//' '//trim(what%rows%name), kind)
+                             trim(axes), trim(merge('integer', 'real   ', what%is_whole)), &
+                             pack(shape(values), [.not. is_row, .true.]))
+      else if (is_row) then
+         call self%group%get(trim(what%name), row)
+         if (allocated(row)) values = reshape(row, [1, size(row)])
+      else
+         call self%group%get(trim(what%name), values)
       end if
-   end subroutine put_table
+   end subroutine visit_table
 
    !> Writes an axis, once in a group.
    subroutine put_axis(self, axis, n)
-      class(writing_visitor), intent(inout) :: self
+      class(group_visitor), intent(inout) :: self
       type(axis_type), intent(in) :: axis
       integer, intent(in) :: n
 
@@ -165,47 +178,6 @@ contains
       if (self%group%has(trim(axis%name))) return
       call self%group%put_axis(trim(axis%name), n, trim(axis%about), axis%first)
    end subroutine put_axis
-
-   subroutine take_real(self, what, value, error)
-      class(reading_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      real(wp), intent(inout) :: value
-      real(wp), intent(inout), optional :: error
-
-      if (what%about == '') then
-         call self%group%read(trim(what%name), value)
-         return
-      end if
-      if (what%is_optional) then
-         value = 0.0_wp
-         if (.not. self%group%has(trim(what%name))) return
-      end if
-      call self%group%get_number(trim(what%name), value)
-      if (present(error)) call self%group%get_number(trim(what%name)//'_error', error)
-   end subroutine take_real
-
-   subroutine take_text(self, what, value)
-      class(reading_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      character(:), allocatable, intent(inout) :: value
-
-      if (self%group%has_attribute(trim(what%name))) &
-         call self%group%read(trim(what%name), value)
-   end subroutine take_text
-
-   subroutine take_table(self, what, values)
-      class(reading_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
-      real(wp), allocatable, intent(inout) :: values(:, :)
-      real(wp), allocatable :: row(:)
-
-      if (what%rows%name == '') then
-         call self%group%get(trim(what%name), row)
-         if (allocated(row)) values = reshape(row, [1, size(row)])
-      else
-         call self%group%get(trim(what%name), values)
-      end if
-   end subroutine take_table
 
    subroutine write_realizations(group, realizations)
       type(group_type), intent(inout) :: group
@@ -227,13 +199,13 @@ contains
       type(group_type) :: group
       type(hdf5_file) :: file
 
-      call start_file(store, shard_name(number), ['process'], [number], file, error)
+      call start_file(store, process_name(number), file, error)
       if (allocated(error)) return
       group = new_group(file, solution)
       group%seals_texts = .true.   ! Python has bytes; a results file is for it
       call write_solution(group, model)
       call group%take_error(error)
-      call finish_file(store, shard_name(number), file, error)
+      call finish_file(store, process_name(number), file, error)
    end subroutine keep_process
 
    !> Reads the processes that a store or an earlier results file has. One of another scene or
@@ -254,7 +226,7 @@ contains
       do i = 1, size(models)
          if (allocated(error)) exit
          group = '/process/'//numbered('p', i)
-         is_kept(i) = exists(path_of(store, i))
+         is_kept(i) = exists(store%folder//'/'//process_name(i))
          if (is_kept(i)) then
             call read_one(store, i, models(i), error)
          else if (has_results) then
@@ -272,43 +244,19 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
 
-      call open_own(store, path_of(store, number), ['process'], [number], 'process', advice, file, &
-                    error)
+      call open_own(store, process_name(number), 'process', advice, file, error)
       if (allocated(error)) return
       call read_solution(file, solution, model, error)
       call file%abandon()
       if (allocated(error)) error%message = error%message//advice
    end subroutine read_one
 
-   !> True if a path of a store is that of a process, by its name alone.
-   pure function is_process_shard(path)
-      character(*), intent(in) :: path
-      logical :: is_process_shard
-      character(*), parameter :: before = 'process_p', after = '.h5'
-      character(:), allocatable :: name
-      integer :: number, status
-
-      is_process_shard = .false.
-      name = name_of(path)
-      if (len(name) <= len(before//after) .or. index(name, before) /= 1) return
-      read (name(len(before) + 1:len(name) - len(after)), *, iostat=status) number
-      if (status == 0) is_process_shard = name == shard_name(number)
-   end function is_process_shard
-
-   pure function path_of(store, number) result(path)
-      type(shard_store), intent(in) :: store
-      integer, intent(in) :: number
-      character(:), allocatable :: path
-
-      path = store%folder//'/'//shard_name(number)
-   end function path_of
-
-   !> process_p003.h5
-   pure function shard_name(number) result(name)
+   !> process_p003.h5: name of the file of a store that has a process.
+   pure function process_name(number) result(name)
       integer, intent(in) :: number
       character(:), allocatable :: name
 
       name = 'process_'//numbered('p', number)//'.h5'
-   end function shard_name
+   end function process_name
 
 end module io_process_results

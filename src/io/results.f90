@@ -8,11 +8,11 @@ module io_results
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: numbered
-   use io_blocks, only: put_long
+   use io_blocks, only: put_block
    use io_contents, only: check_contents, note_contents
    use io_files, only: folder_of, sync_file
    use io_group, only: group_type, new_group
-   use io_hdf5, only: hdf5_file, hdf5_object, object_of, open_hdf5
+   use io_hdf5, only: hdf5_file, hdf5_object, open_hdf5
    use io_lock, only: lock_type
    use io_shards, only: read_shard, stored_samples
    use io_store, only: discard_file
@@ -176,7 +176,7 @@ contains
             if (allocated(block%psd)) deallocate (block%psd)
             if (allocated(block%power_series)) deallocate (block%power_series)
          end if
-         call put_long(group, plan, block, rows, n_rows)
+         call put_block(group, plan, block, rows, n_rows)
       end do
       call group%take_error(error)
    end subroutine finish_case
@@ -281,14 +281,9 @@ contains
          axes = 'force_number '//axes
       end if
       if (n_records > 1) axes = 'sample '//axes
-      if (size(force, 2) == 1) then
-         call group%put('force', force(:, 1), unit, 'force', axes)
-      else if (min(n_forces, n_records) == 1) then
-         call group%put('force', force, unit, 'force', axes)
-      else
-         call group%put('force', reshape(force, [size(force, 1), n_forces, n_records]), unit, &
-                        'force', axes)
-      end if
+      call group%put('force', force, unit, 'force', axes, &
+                     extents=pack([size(force, 1), n_forces, n_records], &
+                                  [.true., n_forces > 1, n_records > 1]))
    end subroutine write_history_axes
 
    !> Closes the file, reads it back, and gives it its name; before that there is nothing of that
@@ -302,7 +297,7 @@ contains
       type(hdf5_object) :: root
 
       temporary = file%path
-      root = object_of(file, '/')
+      root = hdf5_object(file, '/')
       call root%attribute('wall_seconds', wall_seconds)
       call root%take_error(error)
       if (.not. allocated(error)) call note_contents(file, '/', error)

@@ -6,21 +6,19 @@ module io_shards
    use core_kinds, only: wp
    use core_text, only: to_text
    use io_blocks, only: read_block, write_blocks
-   use io_files, only: remove_file
+   use io_files, only: list_files, remove_file, unfinished
    use io_hdf5, only: hdf5_file, move_part, open_hdf5
    use io_lock, only: lock_type
-   use io_process_results, only: is_process_shard
-   use io_store, only: finish_file, list_finished, open_own, remove_store, shard_store, start_file
+   use io_process_results, only: process_name
+   use io_store, only: finish_file, numbers_in, open_own, remove_store, shard_store, start_file
    use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
    public :: shard_type
-   public :: list_shards, named_shard, read_shard, remove_covered, &
-             verify_shard, write_shard
+   public :: list_shards, named_shard, read_shard, remove_covered, write_shard
    public :: finished_samples, order_shards, stored_samples
 
    character(*), parameter :: advice = '; remove it to have its samples computed again'
-   character(*), parameter :: header(*) = [character(12) :: 'case', 'first_sample', 'n_samples']
 
    !> One shard, as its name tells it; or some samples of an earlier results file.
    type :: shard_type
@@ -32,7 +30,7 @@ module io_shards
       integer :: before = 0         !! samples in the file before these
    end type shard_type
 
-   !> The shards of a store. Whose they are and that they are sound, verify_shard has seen.
+   !> The shards of a store. Whose they are and that they are sound, read_shard has seen.
    type :: stored_samples
       type(shard_store) :: store
       type(shard_type), allocatable :: shards(:)   !! by their cases, then by their samples
@@ -58,8 +56,7 @@ contains
       character(:), allocatable :: name
 
       name = shard_name(blocks(1)%case_number, blocks(1)%first_sample, sum(blocks%n_samples))
-      call start_file(store, name, header, [blocks(1)%case_number, blocks(1)%first_sample, &
-                                            sum(blocks%n_samples)], file, error)
+      call start_file(store, name, file, error)
       if (allocated(error)) return
       call write_blocks(file, blocks, error)
       call finish_file(store, name, file, error)
@@ -80,35 +77,28 @@ contains
       type(shard_store), intent(in) :: store
       type(shard_type), allocatable, intent(out) :: shards(:)
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: paths(:)
-      type(shard_type) :: shard
-      integer :: i, n
+      character(:), allocatable :: name, paths(:)
+      integer :: i, n, numbers(3)
 
-      call list_finished(store, paths, error)
+      call list_files(store%folder//'/', '', paths, error)
       allocate (shards(size(paths)))
       n = 0
       do i = 1, size(paths)
-         if (is_process_shard(paths(i))) cycle
-         call parse_name(trim(paths(i)), shard, error)
-         if (allocated(error)) return
+         name = trim(paths(i) (len(store%folder) + 2:))
+         numbers = numbers_in(name)
+         if (index(name, unfinished) > 0 .or. name == process_name(numbers(1))) cycle
          n = n + 1
-         shards(n) = shard
+         shards(n) = named_shard(store, numbers(1), numbers(2), numbers(3) - numbers(2) + 1)
+         if (shards(n)%path == store%folder//'/'//name) cycle
+         call raise(error, exit_file, store%folder//'/'//name// &
+                    ' is not the name of a shard: only shards may lie in this folder')
+         return
       end do
       shards = shards(:n)
    end subroutine list_shards
 
    !> Reads a shard whole: refused by name when it is another scene's, another program's, or
    !> damaged.
-   subroutine verify_shard(store, shard, error)
-      type(shard_store), intent(in) :: store
-      type(shard_type), intent(in) :: shard
-      type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: block
-
-      call read_shard(store, shard, block, error)
-   end subroutine verify_shard
-
-   !> Reads a whole shard and verifies it as verify_shard does.
    subroutine read_shard(store, shard, block, error)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shard
@@ -120,9 +110,8 @@ contains
       if (shard%group /= '') then
          call open_hdf5(shard%path, file, error)
       else
-         call open_own(store, shard%path, header, &
-                       [shard%case_number, shard%first_sample, shard%n_samples], 'samples', &
-                       advice, file, error)
+         call open_own(store, shard_name(shard%case_number, shard%first_sample, shard%n_samples), &
+                       'samples', advice, file, error)
       end if
       if (allocated(error)) return
       block%case_number = shard%case_number
@@ -177,42 +166,20 @@ contains
       name = trim(buffer)
    end function shard_name
 
-   subroutine parse_name(path, shard, error)
-      character(*), intent(in) :: path
-      type(shard_type), intent(out) :: shard
-      type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: name, numbers
-      integer :: case_number, first, i, last, status
-
-      name = path(index(path, '/', back=.true.) + 1:)
-      numbers = name
-      do i = 1, len(name)
-         if (verify(name(i:i), '0123456789') > 0) numbers(i:i) = ' '
-      end do
-      read (numbers, *, iostat=status) case_number, first, last
-      if (status == 0) then
-         if (shard_name(case_number, first, last - first + 1) == name) then
-            shard = shard_type(path, case_number, first, last - first + 1)
-            return
-         end if
-      end if
-      call raise(error, exit_file, path// &
-                 ' is not the name of a shard: only shards may lie in this folder')
-   end subroutine parse_name
-
-   !> True if a sample of 1..n_samples of a case has a shard.
-   pure function finished_samples(shards, case_number, n_samples) result(is_finished)
+   !> True if a sample of the first n_samples of a case has a shard.
+   pure function finished_samples(shards, n_samples) result(is_finished)
       type(shard_type), intent(in) :: shards(:)
-      integer, intent(in) :: case_number, n_samples
-      logical :: is_finished(n_samples)
-      integer :: first, i, last
+      integer, intent(in) :: n_samples(:)   !! (case)
+      logical, allocatable :: is_finished(:, :)   !! (sample, case)
+      integer :: i
 
-      is_finished = .false.
+      allocate (is_finished(maxval([n_samples, 0]), size(n_samples)), source=.false.)
       do i = 1, size(shards)
-         if (shards(i)%case_number /= case_number) cycle
-         first = shards(i)%first_sample
-         last = min(first + shards(i)%n_samples - 1, n_samples)
-         is_finished(first:last) = .true.
+         associate (shard => shards(i), c => shards(i)%case_number)
+            if (c <= size(n_samples)) &
+               is_finished(shard%first_sample:min(shard%first_sample + shard%n_samples - 1, &
+                                                  n_samples(c)), c) = .true.
+         end associate
       end do
    end function finished_samples
 

@@ -2,15 +2,15 @@
 !> files that are written once, each whole or not at all.
 module io_store
    use core_error, only: error_type, exit_file, raise
-   use io_files, only: exists, list_files, list_unfinished, make_folder, remove_file, rename_file, &
-                       sync_file, unfinished_name
-   use io_hdf5, only: create_hdf5, hdf5_file, hdf5_object, object_of, open_hdf5
+   use io_files, only: list_files, make_folder, remove_file, rename_file, sync_file, unfinished, &
+                       unfinished_name
+   use io_hdf5, only: create_hdf5, hdf5_file, hdf5_object, open_hdf5
    use io_identity, only: identity_type, require_same, write_identity
    implicit none(type, external)
    private
    public :: shard_store, new_store
-   public :: begin_file, discard_file, finish_file, list_finished, name_of, open_own, &
-             remove_leftovers, remove_store, start_file
+   public :: begin_file, discard_file, finish_file, numbers_in, open_own, remove_leftovers, &
+             remove_store, start_file
 
    !> Where the files of one output lie.
    type :: shard_store
@@ -32,25 +32,21 @@ contains
       store%identity = identity
    end function new_store
 
-   !> Creates a file of the store with whole numbers in its header; finish_file gives it its name.
-   subroutine start_file(store, name, names, numbers, file, error)
+   !> Creates a file of the store; finish_file gives it its name, which it also has in its header.
+   subroutine start_file(store, name, file, error)
       type(shard_store), intent(in) :: store
       character(*), intent(in) :: name   !! without the folder
-      character(*), intent(in) :: names(:)
-      integer, intent(in) :: numbers(:)
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_object) :: root
-      integer :: i
 
       call make_folder(store%folder, error)
+      if (.not. allocated(error)) &
+         call begin_file(store%folder//'/'//name, store%identity, file, error)
       if (allocated(error)) return
-      call begin_file(store%folder//'/'//name, store%identity, file, error)
-      if (allocated(error)) return
-      root = object_of(file, '/')
-      do i = 1, size(names)
-         call root%attribute(trim(names(i)), numbers(i))
-      end do
+      root = hdf5_object(file, '/')
+      root%seals_texts = .true.
+      call root%attribute('name', name)
       call root%take_error(error)
       if (allocated(error)) call discard_file(file)
    end subroutine start_file
@@ -77,35 +73,31 @@ contains
    end subroutine discard_file
 
    !> Opens a finished file that must be of the store's scene and program, and hold what its name
-   !> tells, by whole numbers in its header.
-   subroutine open_own(store, path, names, numbers, what, advice, file, error)
+   !> tells.
+   subroutine open_own(store, name, what, advice, file, error)
       type(shard_store), intent(in) :: store
-      character(*), intent(in) :: path       !! with the folder
-      character(*), intent(in) :: names(:)
-      integer, intent(in) :: numbers(:)
-      character(*), intent(in) :: what       !! its name tells: 'samples'
+      character(*), intent(in) :: name       !! without the folder
+      character(*), intent(in) :: what       !! the name tells: 'samples'
       character(*), intent(in) :: advice     !! behind an error
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_object) :: root
-      integer :: found(size(names)), i
+      character(:), allocatable :: found
 
-      call open_hdf5(path, file, error)
+      call open_hdf5(store%folder//'/'//name, file, error)
       if (allocated(error)) then
          error%message = error%message//advice
          return
       end if
       call require_same(file, store%identity, error, advice)
       if (.not. allocated(error)) then
-         root = object_of(file, '/')
-         do i = 1, size(names)
-            call root%read(trim(names(i)), found(i))
-         end do
+         root = hdf5_object(file, '/')
+         call root%read('name', found)
          call root%take_error(error)
          if (allocated(error)) then
             error%message = error%message//advice
-         else if (any(found /= numbers)) then
-            call raise(error, exit_file, path//' does not hold the '//what// &
+         else if (found /= name) then
+            call raise(error, exit_file, file%path//' does not hold the '//what// &
                        ' that its name tells'//advice)
          end if
       end if
@@ -130,61 +122,53 @@ contains
       end if
    end subroutine finish_file
 
-   !> Lists the finished files of a store, sorted; none where it was never made.
-   subroutine list_finished(store, paths, error)
-      type(shard_store), intent(in) :: store
-      character(:), allocatable, intent(out) :: paths(:)   !! padded with blanks
-      type(error_type), allocatable, intent(out) :: error
+   !> The whole numbers in a name, as many as there are of the first three; the others are 0.
+   pure function numbers_in(name) result(numbers)
+      character(*), intent(in) :: name
+      integer :: numbers(3)
+      character(len(name) + 1) :: text
+      integer :: i, status
 
-      if (exists(store%folder)) then
-         call list_files(store%folder, paths, error)
-      else
-         allocate (character(0) :: paths(0))
-      end if
-   end subroutine list_finished
-
-   !> The last part of a path.
-   pure function name_of(path) result(name)
-      character(*), intent(in) :: path
-      character(:), allocatable :: name
-
-      name = trim(path(index(path, '/', back=.true.) + 1:))
-   end function name_of
+      text = name//'/'   ! ends the reading
+      do i = 1, len(name)
+         if (verify(name(i:i), '0123456789') > 0) text(i:i) = ' '
+      end do
+      numbers = 0
+      read (text, *, iostat=status) numbers
+      if (status /= 0) numbers = 0   ! one is too large
+   end function numbers_in
 
    !> Removes what killed runs left half-written, results files too; only for who holds the lock of
    !> the output.
    subroutine remove_leftovers(store, error)
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: paths(:)
 
-      call list_unfinished(store%output, paths, error)
-      if (.not. allocated(error)) call remove_all(paths, error)
-      if (.not. allocated(error)) call list_unfinished(store%folder, paths, error)
-      if (.not. allocated(error)) call remove_all(paths, error)
+      call remove_files(store%output//unfinished, '', error)
+      if (.not. allocated(error)) call remove_files(store%folder//'/', unfinished, error)
    end subroutine remove_leftovers
 
    !> Removes the store and all in it; one that was never made is fine.
    subroutine remove_store(store, error)
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: paths(:)
 
-      call remove_leftovers(store, error)
-      if (.not. allocated(error)) call list_finished(store, paths, error)
-      if (.not. allocated(error)) call remove_all(paths, error)
+      call remove_files(store%output//unfinished, '', error)
+      if (.not. allocated(error)) call remove_files(store%folder//'/', '', error)
       if (.not. allocated(error)) call remove_file(store%folder, error)
    end subroutine remove_store
 
-   subroutine remove_all(paths, error)
-      character(*), intent(in) :: paths(:)
+   subroutine remove_files(begin, part, error)
+      character(*), intent(in) :: begin, part   !! as list_files has them
       type(error_type), allocatable, intent(out) :: error
+      character(:), allocatable :: paths(:)
       integer :: i
 
+      call list_files(begin, part, paths, error)
       do i = 1, size(paths)
          call remove_file(trim(paths(i)), error)
          if (allocated(error)) return
       end do
-   end subroutine remove_all
+   end subroutine remove_files
 
 end module io_store

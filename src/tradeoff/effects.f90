@@ -4,8 +4,9 @@
 !> random numbers and the force in common. Standard errors are those of the paired differences
 !> (jackknife over samples): what is left when the friction does not follow the same numbers.
 module tradeoff_effects
-   use campaign_comparison, only: change_of_ratios, compare_slip, difference_type, numerical_error
+   use campaign_comparison, only: change_of_ratios, compare_slip, numerical_error
    use core_kinds, only: wp
+   use statistics_estimates, only: statistic_type
    use tradeoff_task_results, only: band_ratio, n_published, slip, slip_std, task_result
    use tradeoff_tasks, only: of_variant, tradeoff_type
    implicit none(type, external)
@@ -84,14 +85,14 @@ contains
    end subroutine compare
 
    pure subroutine keep_largest(change, largest, error_of_largest)
-      type(difference_type), intent(in) :: change   !! (joint or dof)
+      type(statistic_type), intent(in) :: change(:)   !! (joint or dof)
       real(wp), intent(inout) :: largest, error_of_largest
       integer :: place
 
       place = maxloc(abs(change%value), 1, back=.true.)
-      if (abs(change%value(place)) < abs(largest)) return
-      largest = change%value(place)
-      error_of_largest = change%error(place)
+      if (abs(change(place)%value) < abs(largest)) return
+      largest = change(place)%value
+      error_of_largest = change(place)%error
    end subroutine keep_largest
 
 end module tradeoff_effects

@@ -49,7 +49,6 @@ contains
       type(block_result), intent(in) :: tested, reference
       real(wp), allocatable, intent(out) :: found(:, :)   !! as in task_result
       type(numerical_error) :: errors
-      integer :: p
 
       allocate (found(n_published, 2), source=0.0_wp)
       call compare_cases(level, plan%cases%n_samples, tested%slip_fraction, &
@@ -58,8 +57,7 @@ contains
       call compare_spectra(tested%psd, reference%psd, plan%output%percentiles, level%n_all, errors)
       found(psd_mean, 1) = maxval(errors%psd_mean%value)
       if (size(level%sample) == 1) return
-      found(psd_percentiles, 1) = maxval([(errors%psd_percentiles(p)%value, &
-                                           p=1, size(errors%psd_percentiles))])
+      found(psd_percentiles, 1) = maxval(errors%psd_percentiles%value)
       found(band_ratio, 1) = band_ratio_error(errors)
       found(band_ratio, 2) = found(band_ratio, 1) + 2*maxval(errors%band_ratio%error)
    end subroutine find_setting_errors

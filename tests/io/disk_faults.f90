@@ -9,7 +9,7 @@ program disk_faults
    use io_campaign, only: ask_all, keep_block, made_block, made_identity, made_model, write_made_results, &
       write_made_shards
    use io_process_results, only: keep_process, read_kept
-   use io_shards, only: list_shards, shard_type, verify_shard
+   use io_shards, only: list_shards, read_shard, shard_type
    use io_store, only: new_store, shard_store
    use process_model, only: process_model_type
    implicit none(type, external)
@@ -64,6 +64,7 @@ contains
    subroutine verify(store)
       type(shard_store), intent(in) :: store
       type(shard_type), allocatable :: shards(:)
+      type(block_result) :: block
       type(process_model_type), allocatable :: models(:)
       logical :: is_kept(60)
       integer :: i
@@ -73,7 +74,7 @@ contains
       call list_shards(store, shards, error)
       if (allocated(error)) return
       do i = 1, size(shards)
-         call verify_shard(store, shards(i), error)
+         call read_shard(store, shards(i), block, error)
          if (allocated(error)) return
       end do
       call read_kept(store, models, is_kept, error)

@@ -8,14 +8,14 @@ module io_campaign
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use io_blocks, only: put_short
+   use io_blocks, only: put_block
    use io_case_statistics, only: write_audit, write_estimates
    use io_files, only: make_folder, process_id
    use io_group, only: group_type
    use io_identity, only: identity_type
    use io_lock, only: lock_type, take_lock
    use io_process_results, only: write_process
-   use io_hdf5, only: hdf5_file, hdf5_object, object_of
+   use io_hdf5, only: hdf5_file, hdf5_object
    use io_results, only: begin_case, finish_case, finish_results, write_structure
    use io_shards, only: list_shards, order_shards, shard_type, stored_samples, write_shard
    use io_store, only: begin_file, discard_file, shard_store
@@ -258,7 +258,7 @@ contains
       if (allocated(error)) return
       call begin_file(path, made_identity(), file, error)
       if (.not. allocated(error)) then
-         object = object_of(file, '/')
+         object = hdf5_object(file, '/')
          call object%attribute('title', 'made')
          call object%take_error(error)
       end if
@@ -294,7 +294,7 @@ contains
          call begin_case(file, plan, i, made_layout(), [(0.001_wp, dof=1, n_dof)], group, force)
          call stored%read(i, 1, plan%cases(i)%n_samples, samples, error)
          if (allocated(error)) exit
-         call put_short(group, plan, samples)
+         call put_block(group, plan, samples)
          call finish_case(group, plan, i, stored, error)
          if (allocated(error)) exit
          estimates%best = made_statistics()

@@ -15,7 +15,7 @@ module io_hdf5_attributes
    use io_hdf5_outcome, only: conclude, forget_failure, note_failure
    implicit none(type, external)
    private
-   public :: hdf5_object, object_of
+   public :: hdf5_object
 
    !> A group or dataset, '/' the file itself, and the first error met in it: everything else then
    !> passes by, and the error is taken once.
@@ -34,16 +34,6 @@ module io_hdf5_attributes
    end type hdf5_object
 
 contains
-
-   !> The group or dataset at a path, there or not.
-   function object_of(file, path) result(object)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
-      type(hdf5_object) :: object
-
-      object%file = file
-      object%path = path
-   end function object_of
 
    !> Returns the first error of all work on the object.
    subroutine take_error(self, error)

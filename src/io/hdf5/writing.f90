@@ -10,7 +10,7 @@ module io_hdf5_writing
    use core_table, only: next_word
    use hdf5
    use h5ds, only: h5dsattach_scale_f, h5dsset_scale_f
-   use io_hdf5_attributes, only: hdf5_object, object_of
+   use io_hdf5_attributes, only: hdf5_object
    use io_hdf5_file, only: hdf5_file, make_parents, new_timeless_list
    use io_hdf5_outcome, only: conclude
    use io_hdf5_values, only: extents_of, move
@@ -99,7 +99,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_object) :: dataset
 
-      dataset = object_of(file, path)
+      dataset = hdf5_object(file, path)
       call dataset%attribute('units', label%units)
       call dataset%attribute('long_name', label%long_name)
       call dataset%take_error(error)
