@@ -1,9 +1,8 @@
 !> Judges whether results are as accurate as their scene wants them, and samples until they are.
 module driver_judge_results
-   use campaign_estimates, only: case_estimates
    use campaign_plan, only: add_audits, plan_type
    use campaign_pooling, only: fewest_samples, sharing_cases
-   use campaign_results, only: case_statistics
+   use campaign_results, only: case_estimates, case_statistics
    use campaign_samples_needed, only: find_need, is_of_record, needs_more_samples, slip_error, &
       slip_error_of, statistical_error, with_own_records
    use core_error, only: error_type, exit_no_solution, raise

@@ -2,11 +2,11 @@
 !> joint or a dof at a time.
 module driver_regression
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
-   use campaign_estimates, only: case_estimates
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_pooling, only: case_pool, draw_law, estimators_of, find_points, find_pools, &
                                reason_for_plain
-   use campaign_results, only: block_result, case_statistics, n_quantities, numbers_of
+   use campaign_results, only: block_result, case_estimates, case_statistics, n_quantities, &
+                               numbers_of
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_shards, only: stored_samples

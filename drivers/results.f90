@@ -2,9 +2,8 @@
 module driver_results
    use campaign_columns, only: sample_groups
    use campaign_comparison, only: compare_slip, numerical_error, spectrum_comparison
-   use campaign_estimates, only: case_estimates
    use campaign_plan, only: audit_of, kept_dofs, plan_type
-   use campaign_results, only: block_result, case_statistics, spectrum_layout
+   use campaign_results, only: block_result, case_estimates, case_statistics, spectrum_layout
    use campaign_runner, only: runner_type
    use core_chunks, only: frequencies_together
    use core_error, only: error_type

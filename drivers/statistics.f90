@@ -26,13 +26,11 @@ module driver_statistics
    !> of a group.
    type :: case_task
       integer, private :: number = 0             !! of the case
-      logical, private :: has_bands = .false.
-      logical, private :: has_numbers = .false.   !! of the joints
       logical, private :: has_spans = .false.
       integer, private :: width = 0              !! frequencies of a slice
-      integer, private :: n_slices = 0           !! of all frequencies
+      integer, private :: n_slices = 0           !! of all frequencies; 0: without spectra
       type(band_collector), private :: bands
-      type(column_collector), private :: numbers   !! as numbers_of has them
+      type(column_collector), private :: numbers   !! as numbers_of has them; one sample: no groups
       type(span_collector), private :: spans
       type(work_counter), private :: counter
    contains
@@ -49,26 +47,20 @@ contains
       integer, intent(in) :: number
       type(case_task), intent(out) :: task
       type(spectrum_layout), intent(in), optional :: layout   !! absent: without spectra
-      integer :: n_dof, n_groups, n_numbers, n_samples
+      integer :: n_dof, n_numbers, n_samples
 
       task%number = number
       n_samples = plan%cases(number)%n_samples
-      task%has_numbers = n_samples > 1
-      task%has_spans = task%has_numbers .and. plan%output%slip .and. &
-                       count_spans(plan%integration) >= fewest_spans
-      task%has_bands = present(layout) .and. plan%output%spectrum .and. n_samples > 1
-      n_groups = 0
-      if (task%has_numbers) then
-         associate (structure => plan%structure)
+      if (n_samples > 1) then
+         associate (structure => plan%structure, n_spans => count_spans(plan%integration))
+            task%has_spans = plan%output%slip .and. n_spans >= fewest_spans
             n_numbers = n_quantities*structure%n_joints
             if (plan%excitation%kind == 'sine') n_numbers = n_numbers + structure%n_dof
             call start_columns(n_samples, n_numbers, plan%output%percentiles, task%numbers)
-            n_groups = task%numbers%n_groups
-            call start_spans(count_spans(plan%integration), structure%n_joints, n_groups, &
-                             task%spans)
+            call start_spans(n_spans, structure%n_joints, task%numbers%n_groups, task%spans)
          end associate
       end if
-      if (task%has_bands) then
+      if (present(layout) .and. plan%output%spectrum .and. n_samples > 1) then
          n_dof = size(kept_dofs(plan))
          associate (n => size(layout%frequency))
             task%width = frequencies_together(n_dof, n)
@@ -78,7 +70,7 @@ contains
          call start_bands(n_samples, n_dof, layout%frequency, plan%output%percentiles, plan%seed, &
                           task%n_slices, task%bands, layout%follows_power)
       end if
-      call new_counter(world, (task%n_slices + 1)*n_groups, task%counter)
+      call new_counter(world, (task%n_slices + 1)*task%numbers%n_groups, task%counter)
    end subroutine open_case
 
    !> Takes items until none is left; an error keeps all ranks from going on.
@@ -111,13 +103,13 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       call self%counter%close()
-      if (world%any_true(allocated(error)) .or. .not. self%has_numbers) return
+      if (world%any_true(allocated(error)) .or. self%numbers%n_groups == 0) return
       call join_columns(world, stored, self, .false., self%numbers, error)
       if (world%any_true(allocated(error))) return
       call world%add_up(size(self%spans%common), self%spans%common)
       call world%add_up(size(self%spans%autocovariance), self%spans%autocovariance)
       call finish_joints(self, plan, statistics)
-      if (.not. self%has_bands) return
+      if (self%n_slices == 0) return
       associate (bands => self%bands)
          call world%add_up(size(bands%replicate), bands%replicate)
          call world%add_up(size(bands%integral), bands%integral)

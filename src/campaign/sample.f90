@@ -147,16 +147,12 @@ contains
    subroutine start_spectra(runner, march)
       type(runner_type), intent(inout) :: runner
       type(march_type), intent(in) :: march
-      integer :: n_series
+      integer, allocatable :: n_expected   ! segments, where their power is followed
 
-      n_series = size(march%dofs)*march%state%n_samples
-      associate (layout => runner%layout, interval => runner%layout%every*runner%marcher%dt)
-         if (layout%follows_power .and. .not. march%is_audit) then
-            call runner%spectra%start(n_series, layout%segment_length, layout%overlap, interval, &
-                                      layout%n_segments)
-         else
-            call runner%spectra%start(n_series, layout%segment_length, layout%overlap, interval)
-         end if
+      associate (layout => runner%layout)
+         if (layout%follows_power .and. .not. march%is_audit) n_expected = layout%n_segments
+         call runner%spectra%start(size(march%dofs)*march%state%n_samples, layout%segment_length, &
+                                   layout%overlap, layout%every*runner%marcher%dt, n_expected)
       end associate
    end subroutine start_spectra
 
@@ -176,13 +172,11 @@ contains
          if (.not. (output%history .or. output%harmonic .or. &
                     output%spectrum .and. march%is_measuring)) n = 0
          allocate (x(n, state%n_dof, state%n_samples))
-         if (output%history) then
-            allocate (v, mold=x)
-            call runner%marcher%advance(state, march%force(from:to, :), every, x, v, error)
-         else if (march%is_audit) then
-            call runner%reference%advance(state, march%force(from:to, :), every, x, error=error)
+         if (output%history) allocate (v, mold=x)   ! else the marchers record no velocities
+         if (march%is_audit) then
+            call runner%reference%advance(state, march%force(from:to, :), every, x, v, error)
          else
-            call runner%marcher%advance(state, march%force(from:to, :), every, x, error=error)
+            call runner%marcher%advance(state, march%force(from:to, :), every, x, v, error)
          end if
          if (allocated(error)) return
          if (output%harmonic) then

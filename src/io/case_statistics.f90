@@ -3,9 +3,9 @@
 !> as the reference marched them, and what the differences tell of the case's numerical error.
 module io_case_statistics
    use campaign_comparison, only: band_ratio_error, numerical_error, slip_error
-   use campaign_estimates, only: case_estimates
    use campaign_plan, only: integration_settings, kept_of, plan_type, reference_for
-   use campaign_results, only: block_result, case_statistics, n_quantities, spectrum_layout
+   use campaign_results, only: block_result, case_estimates, case_statistics, n_quantities, &
+                               spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: numbered

@@ -201,11 +201,6 @@ contains
       integer, intent(in) :: number
 
       associate (case => plan%cases(number))
-         if (case%process > 0) then
-            call group%attribute('process', numbered('p', case%process))
-         else
-            call group%attribute('process', 'none')
-         end if
          call group%attribute('variance', case%variance)
          if (plan%excitation%kind == 'sine') then
             call group%attribute('frequency', case%frequency)
@@ -216,10 +211,16 @@ contains
          call group%attribute('n_samples', case%n_samples)
          call group%attribute('duration', plan%integration%dt* &
                               (plan%integration%n_steps - plan%integration%n_discard))
-         if (case%process == 0) call group%attribute('friction_from', plan%friction_from)
-         if (case%process == 0) return
-         call group%attribute('std', plan%processes(case%process)%std)
-         call group%attribute('correlation_length', plan%processes(case%process)%correlation_length)
+         if (case%process == 0) then
+            call group%attribute('process', 'none')
+            call group%attribute('friction_from', plan%friction_from)
+         else
+            call group%attribute('process', numbered('p', case%process))
+            associate (process => plan%processes(case%process))
+               call group%attribute('std', process%std)
+               call group%attribute('correlation_length', process%correlation_length)
+            end associate
+         end if
       end associate
    end subroutine write_attributes
 

@@ -2,9 +2,8 @@
 !> marched.
 module io_campaign
    use campaign_comparison, only: compare_slip, compare_spectra, numerical_error
-   use campaign_estimates, only: case_estimates
    use campaign_plan, only: add_audits, plan_type
-   use campaign_results, only: block_result, case_statistics, spectrum_layout
+   use campaign_results, only: block_result, case_estimates, case_statistics, spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_text, only: to_text
