@@ -7,6 +7,7 @@
 module io_contents
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
+   use core_table, only: next_word
    use core_text, only: to_text
    use io_hdf5, only: check_dataset, hdf5_file, hdf5_object, read_shape
    implicit none(type, external)
@@ -31,18 +32,21 @@ contains
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group   !! with its last slash
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: members(:)
+      character(:), allocatable :: members
       type(hdf5_object) :: object
-      integer :: i
+      integer :: first, last
 
       object = hdf5_object(file, group)
       object%seals_texts = .true.
       call list_members(file, group, members, object%error)
-      call object%attribute(list, joined(members))
+      call object%attribute(list, members)
       call object%take_error(error)
-      do i = 1, size(members)
-         if (allocated(error)) return
-         if (index(members(i), '/') > 0) call note_contents(file, group//trim(members(i)), error)
+      last = 0
+      do while (.not. allocated(error))
+         call next_word(members, first, last)
+         if (first > last) exit
+         if (members(last:last) == '/') &
+            call note_contents(file, group//members(first:last), error)
       end do
    end subroutine note_contents
 
@@ -65,10 +69,10 @@ contains
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group   !! with its last slash
       type(fault_list), intent(inout) :: faults
-      character(:), allocatable :: members(:), noted, word
+      character(:), allocatable :: members, name, noted, word
       type(error_type), allocatable :: error
       type(hdf5_object) :: object
-      integer :: first, i, length
+      integer :: first, last
 
       object = hdf5_object(file, group)
       call object%read(list, noted)
@@ -78,46 +82,49 @@ contains
          call faults%add(error%message(len(file%path) + 3:))
          return
       end if
-      first = 1
-      do while (first <= len(noted))
-         length = index(noted(first:)//' ', ' ') - 1
-         word = noted(first:first + length - 1)
-         first = first + length + 1
-         if (any(members == word) .and. index(word, '/') > 0) then
+      last = 0
+      do
+         call next_word(noted, first, last)
+         if (first > last) exit
+         word = noted(first:last)
+         name = word(:scan(word//'/', '/(') - 1)
+         if (index(' '//members//' ', ' '//word//' ') == 0) then
+            if (any([index(' '//members, ' '//name//'/'), index(' '//members, ' '//name//'(')] &
+                    > 0)) then
+               call faults%add(group//name//' does not have the shape '//word(len(name) + 1:)// &
+                               ' any more')
+            else
+               call faults%add(group//name//' is missing')
+            end if
+         else if (word == name//'/') then
             call check_group(file, group//word, faults)
-         else if (any(members == word)) then
-            call check_dataset(file, group//name_in(word), error)
-            if (allocated(error)) call faults%add(error%message(len(file%path) + 3:))
-         else if (any([(name_in(members(i)) == name_in(word), i=1, size(members))])) then
-            call faults%add(group//name_in(word)//' does not have the shape '// &
-                            word(len(name_in(word)) + 1:)//' any more')
          else
-            call faults%add(group//name_in(word)//' is missing')
+            call check_dataset(file, group//name, error)
+            if (allocated(error)) call faults%add(error%message(len(file%path) + 3:))
          end if
       end do
    end subroutine check_group
 
-   !> Lists the members of a group, each with its shape.
+   !> Lists the members of a group as words, each with its shape.
    subroutine list_members(file, group, members, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group   !! with its last slash
-      character(:), allocatable, intent(out) :: members(:)   !! padded with blanks
+      character(:), allocatable, intent(out) :: members
       type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: longest = 160
       character(:), allocatable :: names(:)
       integer(long), allocatable :: extents(:)
       integer :: i
 
+      members = ''
       call file%list(group, names, error)
-      allocate (character(longest) :: members(size(names)))
-      if (allocated(error)) return
       do i = 1, size(names)
+         if (allocated(error)) return
+         if (i > 1) members = members//' '
          if (file%is_group(group//trim(names(i)))) then
-            members(i) = trim(names(i))//'/'
+            members = members//trim(names(i))//'/'
          else
             call read_shape(file, group//trim(names(i)), extents, error)
-            if (allocated(error)) return
-            members(i) = trim(names(i))//shape_text(extents)
+            members = members//trim(names(i))//shape_text(extents)
          end if
       end do
    end subroutine list_members
@@ -135,26 +142,6 @@ contains
       end do
       text = text//')'
    end function shape_text
-
-   pure function joined(words) result(line)
-      character(*), intent(in) :: words(:)
-      character(:), allocatable :: line
-      integer :: i
-
-      line = ''
-      do i = 1, size(words)
-         line = line//trim(words(i))//' '
-      end do
-      line = trim(line)
-   end function joined
-
-   !> The name in a word of the list.
-   pure function name_in(word) result(name)
-      character(*), intent(in) :: word
-      character(:), allocatable :: name
-
-      name = word(:scan(word//'/', '/(') - 1)
-   end function name_in
 
    pure subroutine add(self, fault)
       class(fault_list), intent(inout) :: self
