@@ -205,7 +205,8 @@ contains
       if (plan%accuracy%sample_until_met) return
       do c = 1, size(plan%cases)
          if (plan%cases(c)%audits > 0 .or. n_samples(c) <= plan%cases(c)%n_samples) cycle
-         call raise(error, exit_file, path//' holds '//counted(n_samples(c), 'sample', 'samples')// &
+         call raise(error, exit_file, path//' holds '// &
+                    counted(n_samples(c), 'sample', 'samples')// &
                     ' of a case, the scene asks for '//to_text(plan%cases(c)%n_samples)// &
                     ' and for results that it lacks: campaign%n_samples = '// &
                     to_text(n_samples(c))//' keeps them; or choose another --output')

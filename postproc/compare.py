@@ -164,7 +164,7 @@ def _by_key(results: Results) -> dict[tuple[object, ...], list[Case]]:
 
 
 def _request(case: Case) -> tuple[object, ...]:
-    """What tells processes of one length and standard deviation apart."""
+    """The request, but for length and standard deviation."""
     return tuple(case.asked.get(name) for name in _REQUEST)
 
 

@@ -133,7 +133,7 @@ def plot_each(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
 
 
 def _facts(process: xr.Dataset) -> tuple[str, ...]:
-    """What may tell processes apart, the order at _ORDER."""
+    """Facts that may tell processes apart, the order at _ORDER."""
     of = process.attrs
     lengths = style.with_symbols(imposed_lengths(of))
     numbers = (f"{name} {float(of[name]):g}" for name in ("mean", "std"))
