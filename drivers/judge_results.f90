@@ -188,6 +188,10 @@ contains
          call find_need(error, wanted, how%n_steps - how%n_discard, n_samples, n_steps)
          text = 'about '//to_text(n_samples)//' samples and '//to_text(n_steps + how%n_discard)// &
                 ' steps would do'//duration
+         if (allocated(plan%values)) then
+            if (n_samples > size(plan%values, 2)) text = text//' (process%values has '// &
+                                                         to_text(size(plan%values, 2))//')'
+         end if
          if (error%has_own_records) return
          if (all(plan%excitation%kind /= ['band_limited', 'psd         '])) return
          call find_need(with_own_records(error), wanted, how%n_steps - how%n_discard, n_own, unused)

@@ -75,6 +75,16 @@ def test_tradeoff_marches_the_given_samples_and_no_others(entroslip, tmp_path):
         assert "variants" not in measured["tradeoff"]
 
 
+def test_a_need_of_more_samples_than_are_given_says_how_many_there_are(entroslip, tmp_path):
+    rows = np.random.default_rng(1).uniform(0.1, 0.3, (22, 3))
+    np.savetxt(tmp_path / "friction.txt", rows)
+    assert run(entroslip, tmp_path, "values = 'friction.txt'").returncode == 0
+    for command in ("check", "run"):
+        done = entroslip(command, "s.nml", "--set", "accuracy%target_statistical=0.2")
+        said = " ".join((done.stdout + done.stderr).split())
+        assert re.search(r"samples and \d+ steps would do[^(]* \(process%values has 22\)", said)
+
+
 def test_laws_of_reference_are_named_in_the_results(entroslip, tmp_path):
     """No correlation, and one value for all joints, beside the process between them."""
     lengths = "correlation_length = 0.0, 1.0, 1e12 mean = 0.2 std = 0.067"
