@@ -88,9 +88,9 @@ def _draw(files: list[Results], options: argparse.Namespace) -> str:
     figures = [(figure, figure.save(options.out, ranges)) for figure in planned]
     report = options.out / "report.html"
     write_report(files, statements, tables, figures, report)
-    n_tables = len(tables) + len(judged)
-    drawn = "1 figure" if len(figures) == 1 else f"{len(figures)} figures"
-    return f"{drawn} and {n_tables} tables in {options.out}; report: {report}"
+    drawn = {"figure": len(figures), "table": len(tables) + len(judged)}
+    counted = " and ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in drawn.items())
+    return f"{counted} in {options.out}; report: {report}"
 
 
 def _figures(files: list[Results], options: argparse.Namespace) -> list[Figure]:
