@@ -191,13 +191,13 @@ def test_processes_of_one_length_are_told_apart(axes):
     ]
     cases = drawn_with(*asked)
     results = results_of(cases)
-    study_figures.plot_slip_scatter(axes, cases)
-    assert [name.split(", ")[1] for name in drawn(axes)] == ["order 2", "order 5"]
-    assert len({container.lines[0].get_color() for container in axes.containers}) == 2
-    axes.clear()
     study_figures.plot_band(axes, cases, 1, results)
     assert drawn(axes)[:2] == ["$L_0$ = 1, order 2", "$L_0$ = 1, order 5"]
     assert len({line.get_color() for line in axes.lines[:6]}) == 2
+    axes.clear()
+    study_figures.plot_slip_scatter(axes, cases)
+    assert [name.split(", ")[1] for name in drawn(axes)] == ["order 2", "order 5"]
+    assert len({container.lines[0].get_color() for container in axes.containers}) == 2
 
 
 def test_every_level_of_the_force_has_marks_of_its_own(axes):
