@@ -54,7 +54,9 @@ SCENES = {
     "and `order = 2`: a fit by simulated values": scene(order=2),
     "and twice that process in scale": scene(process=PROCESS + SCALED, order=2),
     "a force too weak for slip": scene(variance=1e-3),
-    "`deterministic` alone, friction given": scene(process="", n_samples=0, deterministic=".true."),
+    "`deterministic` alone, friction given": scene(
+        process="", n_samples=0, deterministic=".true."
+    ).replace("n_dof = 5", "n_dof = 5 friction = 0.2"),
     "`'realizations'` alone, no chain": PROCESS.format(drawn="n_realizations = 10000", order=1)
     + "&output quantities = 'realizations' /\n",
 }

@@ -101,7 +101,7 @@ class Bench:
             return reason
         with h5py.File(path) as file:
             slip = 100 * file["campaign/c001/slip_fraction"][0]
-            return slip, 2 * np.pi * file["chain/frequencies_stuck"][()].max()
+            return slip, 2 * np.pi * file["structure/frequencies_stuck"][()].max()
 
 
 def miss(process: h5py.Group) -> float | None:
