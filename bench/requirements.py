@@ -20,7 +20,7 @@ PROGRAM = ROOT / "build/release/bin/entroslip"
 PROCESS = "&process correlation_length = 1.0 order = {order} mean = 0.2 std = 0.067 {drawn} /\n"
 SCALED = PROCESS.replace("0.2 std = 0.067", "0.4 std = 0.134")
 MOTION = """\
-&chain n_dof = 5 /
+&chain n_dof = 5 {chain} /
 &excitation variance = {variance} /
 &integration n_steps = 50000 /
 &campaign n_samples = {n_samples} deterministic = {deterministic} /
@@ -31,12 +31,17 @@ MOTION = """\
 
 def scene(
     process: str = PROCESS, more: str = "", variance: float = 41.1, n_samples: int = 32,
-    deterministic: str = ".false.", audit: float = 0.0, drawn: str = "",
+    deterministic: str = ".false.", audit: float = 0.0, drawn: str = "", chain: str = "",
     order: int = 1,
 ) -> str:  # fmt: skip
     """The barest scene of motion, but for what is named."""
     return process.format(drawn=drawn, order=order) + MOTION.format(
-        more=more, variance=variance, n_samples=n_samples, deterministic=deterministic, audit=audit
+        more=more,
+        variance=variance,
+        n_samples=n_samples,
+        deterministic=deterministic,
+        audit=audit,
+        chain=chain,
     )
 
 
@@ -55,8 +60,8 @@ SCENES = {
     "and twice that process in scale": scene(process=PROCESS + SCALED, order=2),
     "a force too weak for slip": scene(variance=1e-3),
     "`deterministic` alone, friction given": scene(
-        process="", n_samples=0, deterministic=".true."
-    ).replace("n_dof = 5", "n_dof = 5 friction = 0.2"),
+        process="", n_samples=0, deterministic=".true.", chain="friction = 0.2"
+    ),
     "`'realizations'` alone, no chain": PROCESS.format(drawn="n_realizations = 10000", order=1)
     + "&output quantities = 'realizations' /\n",
 }

@@ -16,6 +16,7 @@ from ..results import Case, Results
 from . import (
     chain_figure,
     harmonic_gallery,
+    looks,
     process_gallery,
     response_figures,
     study_figures,
@@ -89,7 +90,7 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
             )  # fmt: skip
         return
     for letter, case in _lettered(spectra):
-        name = study_figures.level_name(case)
+        name = looks.level_name(case)
         yield Figure(
             f"fig_08{letter}", f"Fig. 8{letter}. Spectra without uncertainty, {name}",
             f"Power spectral densities of the displacements, {case.given_friction}. If joints"
@@ -112,7 +113,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
         yield Figure(
             f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
             "Standard deviation over samples of the time in slip, over its mean. Each joint has a"
-            f" mark with its number{study_figures.marks_of_levels(cases)}. Bars are 95 % intervals,"
+            f" mark with its number{looks.marks_of_levels(cases)}. Bars are 95 % intervals,"
             " of the mean with Monte Carlo and time average together. Pale marks: plain sampling."
             " Look for where the marks are highest, and whether the lengths differ.",
             _STUDY, (partial(study_figures.plot_slip_scatter, cases=cases, is_paper=is_paper),),
@@ -122,7 +123,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
     for letter, (cases, dof) in _lettered(
         _band_panels(banded, None if is_paper else results.forced_dof)
     ):
-        named = {case.strength: study_figures.level_name(case) for case in cases}
+        named = {case.strength: looks.level_name(case) for case in cases}
         levels = ", ".join(named[strength] for strength in sorted(named))
         shown = style.some_of(sorted(named), _MOST_LEVELS)
         panels = [[c for c in cases if c.strength == level] for level in shown]
@@ -154,7 +155,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"fig_11{letter}",
             f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
             "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean time"
-            f" in slip. Each joint has a mark with its number{study_figures.marks_of_levels(cases)}"
+            f" in slip. Each joint has a mark with its number{looks.marks_of_levels(cases)}"
             ". Bars are 95 % intervals, Monte Carlo and time average together. Pale marks: plain"
             " sampling. Look for a fall with the time in slip, and whether the lengths differ"
             " where it is long.",
@@ -180,7 +181,7 @@ def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
     if spectra and not spectra[0].data["psd_mean"].isnull().any():
         case = max(spectra, key=lambda case: case.strength)
         yield Figure(
-            "along_spectra", f"Spectra along the structure, {study_figures.level_name(case)}",
+            "along_spectra", f"Spectra along the structure, {looks.level_name(case)}",
             f"Mean spectrum of the displacement of every {results.place}, {case.friction}. Bright"
             " ridges are resonances; dark spots in them are nodes.",
             _STUDY, (partial(study_figures.plot_spectra_along, case=case, results=results),),
@@ -190,9 +191,7 @@ def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
 def of_responses(results: Results) -> Iterator[Figure]:
     """Histories, and a transition enlarged; the spectra of a sample that stands alone."""
     for case in results.cases:
-        name = (
-            f"{results.title}, case {case.name[1:].lstrip('0')}, {study_figures.level_name(case)}"
-        )
+        name = f"{results.title}, case {case.name[1:].lstrip('0')}, {looks.level_name(case)}"
         if case.n_samples == 1 and not case.is_deterministic and case.has_power("psd"):
             yield Figure(
                 f"spectra_{case.name}", f"Spectra of one sample, {name}",

@@ -17,10 +17,9 @@ from ..joints import OfJoints, slip_mean_error
 from ..paper.deterministic_statements import FULLY, slip_with_error
 from ..paper.evidence import WIDTH
 from ..paper.peaks import scatter_of_ln_psd
-from ..paper.printed import LEVELS
 from ..paper.slip_statements import ABOUT_03
-from ..results import MAXIMUM_ENTROPY, Case, Results
-from . import style
+from ..results import Case, Results
+from . import looks, style
 
 _Marks = tuple[NDArray[np.float64], NDArray[np.float64], Any]  # x, y (joint), colour
 PERCENT = 100.0  # of a fraction of time
@@ -29,48 +28,8 @@ _BESIDE = 0.04  # of the axis: half the width of a curve's name
 _DECADES = 7.0  # drawn of a spectrum
 _MOST_MODES = 20  # marked; more would hide the curves
 _MOST_NUMBERED = 6  # marks of a case
-_MOST_NAMES = 8  # of a legend within the axes
-_BELOW = -0.12  # below the axes and the name of the lower one, in heights of the axes
-_MOST_FILLINGS = 2  # of marks: open and full; more levels of the force differ in size too
-_SMALLEST_MARK, _LARGEST_MARK = 4.0, 8.0  # [points]
 _MEET = 25.0  # [pixels] between marks that share a number
-_TOLD_APART = {"order_found": "order ", "mean": "mean ", "sampler": ""}
 _SLIP_AXIS = "mean time in slip [%]"
-
-
-def level_name(case: Case) -> str:
-    """'variance 3.7 (low)', with the paper's name where it has one."""
-    name = LEVELS.get(case.variance)
-    return case.level + (f" ({name})" if name else "")
-
-
-def _of_processes(cases: Sequence[Case]) -> dict[str, tuple[str, style.Look]]:
-    """Name and look of the process of each case.
-
-    '$L_0$ = 1', or the law of friction that is none of maximum entropy, and what else tells those
-    of one std apart. Colour and mark are those of the length, or of the rank where it is shared.
-    """
-    of = {case.process: case for case in cases}
-    names = {
-        process: style.with_symbols(case.lengths) if case.law == MAXIMUM_ENTROPY else case.law
-        for process, case in of.items()
-    }
-    for told, word in _TOLD_APART.items():
-        values = {process: case.asked.get(told) for process, case in of.items()}
-        apart = {(name, of[process].std) for process, name in names.items()}
-        if len(apart) < len(of) and len(set(values.values())) > 1:
-            names = {process: f"{name}, {word}{values[process]}" for process, name in names.items()}
-    lengths = [case.correlation_length for case in of.values()]
-    is_told = len(set(lengths)) == len(lengths)
-    return {
-        process: (
-            names[process],
-            style.of_length(case.correlation_length, lengths)
-            if is_told
-            else style.of_rank(rank, len(of)),
-        )
-        for rank, (process, case) in enumerate(of.items())
-    }
 
 
 def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
@@ -118,7 +77,7 @@ def plot_slip_scatter(axes: Axes, cases: Sequence[Case], is_paper: bool = False)
         low, high = (PERCENT * edge for edge in ABOUT_03)
         axes.axvspan(low, high, color="0.94", zorder=0, label="the paper's 30 %, as tested")
     marks: list[_Marks] = []
-    for case, look, label in _by_length(cases):
+    for case, look, label in looks.by_length(cases):
         mean, scatter = (PERCENT * case.data[name].values for name in ("slip_mean", "slip_std"))
         if (plain := case.plain) is not None:
             _plot_plain(axes, PERCENT * plain["slip_mean"], PERCENT * plain["slip_std"], look)
@@ -133,7 +92,7 @@ def plot_slip_scatter(axes: Axes, cases: Sequence[Case], is_paper: bool = False)
         xlim=(0, None), ylim=(0, None),
     )  # fmt: skip
     _number(axes, marks)
-    _legend_of_marks(axes)
+    looks.legend_of_marks(axes)
 
 
 def plot_band(
@@ -144,7 +103,7 @@ def plot_band(
     Shaded: 95 % intervals of the percentiles, Monte Carlo and force record together. The range of
     the axes is that of the cases `framed` too, which other panels draw.
     """
-    named = _of_processes(sorted(cases, key=lambda case: case.correlation_length))
+    named = looks.of_processes(sorted(cases, key=lambda case: case.correlation_length))
     for case in cases:
         name, look = named[case.process]
         colour, line = look["color"], style.dashes(list(named).index(case.process))
@@ -247,7 +206,7 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
     Pale: the same by plain sampling.
     """
     marks: list[_Marks] = []
-    for case, look, label in _by_length(cases):
+    for case, look, label in looks.by_length(cases):
         ratio = case.data["band_ratio"].values
         low, high = band_ratio_interval(case)
         mean = PERCENT * case.data["slip_mean"].values
@@ -262,7 +221,7 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
     first, last = cases[0].data["percentile"].values[[0, -1]]
     axes.set_yscale("log")
     style.label_logarithmic(axes.yaxis)
-    _legend_of_marks(axes)
+    looks.legend_of_marks(axes)
     axes.set(
         xlabel=_SLIP_AXIS,
         ylabel=rf"band ratio $\sigma_{{{last:g}}}^2\,/\,\sigma_{{{first:g}}}^2$",
@@ -273,10 +232,10 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
 
 def plot_along(axes: Axes, cases: Sequence[Case], quantity: OfJoints) -> None:
     """A quantity along the structure, joint by joint, a line per case, 95 % intervals."""
-    named = _of_processes(cases)
+    named = looks.of_processes(cases)
     for rank, case in enumerate(cases):
         mean, error = quantity.of(case)
-        name = f"{named[case.process][0]}, std {case.std:.3g}, {level_name(case)}"
+        name = f"{named[case.process][0]}, std {case.std:.3g}, {looks.level_name(case)}"
         axes.errorbar(
             np.arange(1, mean.size + 1), mean, yerr=WIDTH * error,
             label=name, elinewidth=0.8, **style.of_rank(rank, len(cases)),
@@ -334,7 +293,7 @@ def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> N
         density = case.data["psd"].isel(sample=0, dof=case.kept_dofs[0] - 1)
         spectrum = density / _power_of_force(case)
         look = style.of_rank(rank, len(chosen)) | {"marker": "none"}
-        axes.semilogy(spectrum["frequency"], spectrum, label=level_name(case), **look)
+        axes.semilogy(spectrum["frequency"], spectrum, label=looks.level_name(case), **look)
         values.append(spectrum.values)
     _mark_chain(axes, results)
     _frame_spectrum(axes, spectrum["frequency"].values, np.stack(values), results)
@@ -360,41 +319,6 @@ def _mark_chain(axes: Axes, results: Results) -> None:
     if chain is not None and chain.sizes["mode"] <= _MOST_MODES:
         style.mark_frequencies(axes, chain["frequencies_stuck"].values, "modes, stuck", "-")
         style.mark_frequencies(axes, chain["frequencies_slip"].values, "modes, slipping", ":")
-
-
-def marks_of_levels(cases: Sequence[Case]) -> str:
-    """', and how marks differ with the level of the force'; nothing of a single level."""
-    n_levels = len({case.strength for case in cases})
-    if n_levels > _MOST_FILLINGS:
-        return ", fuller and larger with the excitation"
-    return ", open at the low and full at the high excitation" if n_levels > 1 else ""
-
-
-def _by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
-    """Cases with their look: colour and mark by length, fuller and larger with the excitation."""
-    named = _of_processes(cases)
-    levels = sorted({case.strength for case in cases})
-    rows = []
-    for case in cases:
-        of_process, look = named[case.process]
-        look = look | {"linestyle": "none"}
-        look |= {"markeredgecolor": look["color"], "markeredgewidth": 1.0}
-        rank = levels.index(case.strength) / (len(levels) - 1) if len(levels) > 1 else 1.0
-        look["markerfacecolor"] = (look["color"], rank)  # the smallest excitation open
-        if len(levels) > _MOST_FILLINGS:
-            look["markersize"] = _SMALLEST_MARK + rank * (_LARGEST_MARK - _SMALLEST_MARK)
-        name = LEVELS.get(case.variance, level_name(case))
-        rows.append((case, look, f"{of_process}, {name}"))
-    return rows
-
-
-def _legend_of_marks(axes: Axes) -> None:
-    """Within the axes, or below them where it would hide marks."""
-    names = axes.get_legend_handles_labels()[1]
-    if len(names) <= _MOST_NAMES:
-        axes.legend(ncols=2)
-    else:
-        axes.legend(ncols=3, loc="upper center", bbox_to_anchor=(0.5, _BELOW))
 
 
 def _frame_spectrum(

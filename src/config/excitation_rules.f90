@@ -7,7 +7,7 @@ module config_excitation_rules
    use core_source, only: find_beside, is_hdf5_file
    use core_table, only: read_table, table_type
    use core_text, only: rounded_text, to_text
-   use dynamics_excitation, only: narrowest_band
+   use dynamics_excitation, only: narrow_rule, narrowest_band
    use numerics_harmonic, only: periods_of_window
    implicit none(type, external)
    private
@@ -93,15 +93,6 @@ contains
                              'band', narrow_rule(scene%integration%dt), '0.0, 2.5')
       end associate
    end subroutine check_band
-
-   !> Rule of noise in too few frequencies.
-   pure function narrow_rule(dt) result(rule)
-      real(wp), intent(in) :: dt   !! [s]
-      character(:), allocatable :: rule
-
-      rule = 'must not be narrower than '//to_text(narrowest_band(dt))// &
-             ' Hz, the least with this integration%dt'
-   end function narrow_rule
 
    !> Checks that a period has enough steps and the march enough periods to see whether they
    !> repeat. Without a list of output%quantities leaves out spectra: a sine has none.

@@ -9,7 +9,7 @@ module dynamics_excitation
    use numerics_synthesis, only: sum_lines
    implicit none(type, external)
    private
-   public :: band_limited_force, coloured_force, narrowest_band, sine_force
+   public :: band_limited_force, coloured_force, narrow_rule, narrowest_band, sine_force
 
    integer, parameter :: fewest_lines = 64          !! in the band, however short the record
    integer, parameter :: longest_period = 2**28     !! of the synthesis [steps]
@@ -136,8 +136,7 @@ contains
          call raise(error, exit_bad_input, name//'must end at the Nyquist frequency 1/(2 dt) = '// &
                     to_text(0.5_wp/dt)//' or below')
       else if (band(2) - band(1) < narrowest_band(dt)) then
-         call raise(error, exit_bad_input, name//'must not be narrower than '// &
-                    to_text(narrowest_band(dt))//' Hz, the least with this dt')
+         call raise(error, exit_bad_input, name//narrow_rule(dt))
       end if
    end subroutine check_band
 
@@ -147,5 +146,14 @@ contains
 
       narrowest_band = fewest_lines/(longest_period*dt)
    end function narrowest_band
+
+   !> Rule that a narrower band breaks.
+   pure function narrow_rule(dt) result(rule)
+      real(wp), intent(in) :: dt   !! [s]
+      character(:), allocatable :: rule
+
+      rule = 'must not be narrower than '//to_text(narrowest_band(dt))// &
+             ' Hz, the least with this integration%dt'
+   end function narrow_rule
 
 end module dynamics_excitation

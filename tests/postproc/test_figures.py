@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from entroslip import tradeoff
-from entroslip.figures import process_figures, study_figures
+from entroslip.figures import looks, process_figures, study_figures
 from entroslip.figures.figure import Figure
 from entroslip.figures.gallery import make_figures
 from entroslip.paper.printed import AXES
@@ -221,7 +221,7 @@ def test_every_level_of_the_force_has_marks_of_its_own(axes):
     assert np.diff(sizes).min() > 1.0
     assert {mark.get_markeredgecolor() for mark in marks} == {marks[0].get_color()}
     assert [name.split(", ")[1] for name in drawn(axes)] == [f"variance {v:g}" for v in levels]
-    told = [study_figures.marks_of_levels(cases[:n]) for n in (1, 2, 4)]
+    told = [looks.marks_of_levels(cases[:n]) for n in (1, 2, 4)]
     assert told == [
         "", ", open at the low and full at the high excitation",
         ", fuller and larger with the excitation",

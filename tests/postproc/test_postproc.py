@@ -18,7 +18,7 @@ import xarray as xr
 
 from entroslip import joints, open_results
 from entroslip.__main__ import main
-from entroslip.figures import gallery_page, process_figures, study_figures
+from entroslip.figures import gallery_page, looks, process_figures, study_figures
 from entroslip.figures.chain_figure import plot_chain
 from entroslip.figures.figure import SECTIONS, Figure
 from entroslip.paper.printed import AXES
@@ -126,9 +126,9 @@ def test_the_chain_is_drawn_with_its_force():
 def test_levels_of_the_force_have_the_papers_names(results_file):
     case = open_results(results_file).cases[-1]
     case.data.attrs["variance"] = 41.1
-    assert study_figures.level_name(case) == "variance 41.1 (high)"
+    assert looks.level_name(case) == "variance 41.1 (high)"
     case.data.attrs |= {"variance": 0.0, "factor": 2.0}
-    assert study_figures.level_name(case) == "force factor 2"
+    assert looks.level_name(case) == "force factor 2"
 
 
 def test_figure_functions_draw_on_the_axes_they_are_given(results_file):

@@ -84,7 +84,7 @@ contains
                                [(for%markov(j, j, 0), j=1, for%n_joints)])
          if (self%keeps_ledger .and. .not. for%ledger%is_ready) &
             call for%ledger%prepare(self%h, for%damping, for%modal_load, for%blocks, &
-                                    kernel_fit(for%n_weights))
+                                    kernel_fit(for%n_moments))
          call self%memory%start(int(lanes, long)*n*((n_planes + 2)*groups + 3 + for%n_moments))
          call take_planes(n, n_planes, self%modes)
          call self%memory%take([lanes, n, 2], self%middle)

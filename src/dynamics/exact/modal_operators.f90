@@ -164,14 +164,14 @@ contains
       type(exponential_type) :: half, full
       real(wp), dimension(size(operators%rotation, 1), size(operators%rotation, 1)) :: a, ends, &
                                                                                       middle, slope
-      real(wp) :: fit(0:operators%n_weights, 0:operators%n_weights + 1)
+      real(wp), allocatable :: fit(:, :)
       real(wp) :: kernel(operators%blocks%ports, operators%blocks%ports)
       real(wp) :: scale   ! of the second number, so that A is balanced
       integer :: b, d, i, k, last, m, n, ports
 
       m = operators%n_joints
-      last = operators%n_weights
-      fit = kernel_fit(last)
+      fit = kernel_fit(operators%n_moments)
+      last = size(fit, 1) - 1
       ports = operators%blocks%ports
       n = 2 + 2*ports
       do b = 1, operators%n_modes
@@ -221,8 +221,8 @@ contains
    !> kernel(s) s^p: those with which the integral of kernel(1 - s) zeta(s) is exact where zeta is t
    !> or t^(i+1) (1 - t), i = 0 .. n - 1 (M6). These conditions have whole numbers as solutions.
    pure function kernel_fit(n) result(fit)
-      integer, intent(in) :: n         !! 2 or 4
-      real(wp) :: fit(0:n, 0:n + 1)   !! (weight, p)
+      integer, intent(in) :: n                             !! 2, or 4 and more, of which 4 count
+      real(wp) :: fit(0:min(n, 4), 0:min(n, 4) + 1)   !! (weight, p)
       integer, parameter :: of_two(4, 0:2) = reshape([ &
                                              1, -9, 18, -10, &
                                              0, 36, -96, 60, &
@@ -234,8 +234,11 @@ contains
                                               0, 8400, -80640, 235200, -268800, 105840, &
                                               0, -15120, 151200, -453600, 529200, -211680], [6, 5])
 
-      if (n == 2) fit = transpose(of_two)
-      if (n == 4) fit = transpose(of_four)
+      if (n == 2) then
+         fit = transpose(of_two)
+      else
+         fit = transpose(of_four)
+      end if
    end function kernel_fit
 
 end module dynamics_exact_modal_operators

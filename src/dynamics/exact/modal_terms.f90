@@ -27,8 +27,8 @@ module dynamics_exact_modal_terms
    type :: modal_terms
       real(wp) :: h = 0.0_wp       !! of a part [s]
       integer :: n_parts = 1       !! of a step, a power of two
-      integer :: n_weights = 4     !! last integral of a slider's motion that counts: 2 or 4
-      integer :: n_moments = 5     !! last that is formed: 2 or 5, as sums go by threes
+      !> last integral of a slider's motion that is formed: 2 or 5, as sums go by threes
+      integer :: n_moments = 5
       !> first block whose displacement (3) and velocity (4) at half the part joints read; at 1 all
       integer :: first_read(4) = 1
       real(wp) :: square = 0.0_wp   !! c: fourth derivatives are -c times the second, or read (M4)
@@ -226,8 +226,7 @@ contains
       terms%first_read(3) = r
       terms%first_read(4) = first_beyond(quartic_error*share*blocks%rate**5)
       memory = steps*terms%n_parts
-      terms%n_weights = merge(2, 4, memory*kernel(2)*path(1)/720.0_wp <= 0.2_wp*tolerance)
-      terms%n_moments = merge(2, 5, terms%n_weights == 2)
+      terms%n_moments = merge(2, 5, memory*kernel(2)*path(1)/720.0_wp <= 0.2_wp*tolerance)
       do k = 3, path_degree
          terms%first_power(k) = k - 1
          do d = 0, min(n_markov - 1, k - 3)

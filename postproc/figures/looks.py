@@ -1,0 +1,87 @@
+"""Names, colours and marks of cases: by process, fuller and larger with the excitation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+
+from ..paper.printed import LEVELS
+from ..results import MAXIMUM_ENTROPY, Case
+from . import style
+
+_MOST_NAMES = 8  # of a legend within the axes
+_BELOW = -0.12  # below the axes and the name of the lower one, in heights of the axes
+_MOST_FILLINGS = 2  # of marks: open and full; more levels of the force differ in size too
+_SMALLEST_MARK, _LARGEST_MARK = 4.0, 8.0  # [points]
+_TOLD_APART = {"order_found": "order ", "mean": "mean ", "sampler": ""}
+
+
+def level_name(case: Case) -> str:
+    """'variance 3.7 (low)', with the paper's name where it has one."""
+    name = LEVELS.get(case.variance)
+    return case.level + (f" ({name})" if name else "")
+
+
+def of_processes(cases: Sequence[Case]) -> dict[str, tuple[str, style.Look]]:
+    """Name and look of the process of each case.
+
+    '$L_0$ = 1', or the law of friction that is none of maximum entropy, and what else tells those
+    of one std apart. Colour and mark are those of the length, or of the rank where it is shared.
+    """
+    of = {case.process: case for case in cases}
+    names = {
+        process: style.with_symbols(case.lengths) if case.law == MAXIMUM_ENTROPY else case.law
+        for process, case in of.items()
+    }
+    for told, word in _TOLD_APART.items():
+        values = {process: case.asked.get(told) for process, case in of.items()}
+        apart = {(name, of[process].std) for process, name in names.items()}
+        if len(apart) < len(of) and len(set(values.values())) > 1:
+            names = {process: f"{name}, {word}{values[process]}" for process, name in names.items()}
+    lengths = [case.correlation_length for case in of.values()]
+    is_told = len(set(lengths)) == len(lengths)
+    return {
+        process: (
+            names[process],
+            style.of_length(case.correlation_length, lengths)
+            if is_told
+            else style.of_rank(rank, len(of)),
+        )
+        for rank, (process, case) in enumerate(of.items())
+    }
+
+
+def marks_of_levels(cases: Sequence[Case]) -> str:
+    """', and how marks differ with the level of the force'; nothing of a single level."""
+    n_levels = len({case.strength for case in cases})
+    if n_levels > _MOST_FILLINGS:
+        return ", fuller and larger with the excitation"
+    return ", open at the low and full at the high excitation" if n_levels > 1 else ""
+
+
+def by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
+    """Cases with their look: colour and mark by length, fuller and larger with the excitation."""
+    named = of_processes(cases)
+    levels = sorted({case.strength for case in cases})
+    rows = []
+    for case in cases:
+        of_process, look = named[case.process]
+        look = look | {"linestyle": "none"}
+        look |= {"markeredgecolor": look["color"], "markeredgewidth": 1.0}
+        rank = levels.index(case.strength) / (len(levels) - 1) if len(levels) > 1 else 1.0
+        look["markerfacecolor"] = (look["color"], rank)  # the smallest excitation open
+        if len(levels) > _MOST_FILLINGS:
+            look["markersize"] = _SMALLEST_MARK + rank * (_LARGEST_MARK - _SMALLEST_MARK)
+        name = LEVELS.get(case.variance, level_name(case))
+        rows.append((case, look, f"{of_process}, {name}"))
+    return rows
+
+
+def legend_of_marks(axes: Axes) -> None:
+    """Within the axes, or below them where it would hide marks."""
+    names = axes.get_legend_handles_labels()[1]
+    if len(names) <= _MOST_NAMES:
+        axes.legend(ncols=2)
+    else:
+        axes.legend(ncols=3, loc="upper center", bbox_to_anchor=(0.5, _BELOW))
