@@ -86,7 +86,6 @@ def print_errors(path: Path) -> None:
                        "", largest("slip_std_time_part")),
             over_cases("Monte Carlo, band ratio: 95 % interval, upper end over value", "", upward),
             over_cases("time average, band ratio (`band_ratio_time_error`)", " %", along),
-            over_cases("size of its bias (`band_ratio_bias`)", " %", largest("band_ratio_bias")),
             over_cases("power folded back (`folded_share`)", "", largest("folded_share", 1.0)),
         ]  # fmt: skip
     print_table(("error", "least case", "largest case"), rows)

@@ -102,7 +102,7 @@ contains
 
       allocate (psd(n_dof, n_band, n_group))
       call random_number(psd)
-      call start_bands(1000000, n_dof, [(real(i, wp), i=1, n_band)], percentiles, 1_long, 1, bands)
+      call start_bands(1000000, n_dof, [(real(i, wp), i=1, n_band)], percentiles, 1, bands)
       call cpu_time(began)
       call bands%add(1, 1, 1, psd(:, :, :bands%columns%group_first(2) - 1))
       call tell('spectra_part', began, 1)

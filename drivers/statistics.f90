@@ -67,7 +67,7 @@ contains
             task%width = task%width*((n - 1)/(task%width*most_slices) + 1)
             task%n_slices = (n - 1)/task%width + 1
          end associate
-         call start_bands(n_samples, n_dof, layout%frequency, plan%output%percentiles, plan%seed, &
+         call start_bands(n_samples, n_dof, layout%frequency, plan%output%percentiles, &
                           task%n_slices, task%bands, layout%follows_power)
       end if
       call new_counter(world, (task%n_slices + 1)*task%numbers%n_groups, task%counter)
@@ -111,8 +111,8 @@ contains
       call finish_joints(self, plan, statistics)
       if (self%n_slices == 0) return
       associate (bands => self%bands)
-         call world%add_up(size(bands%replicate), bands%replicate)
-         call world%add_up(size(bands%integral), bands%integral)
+         call world%add_up(size(bands%influence), bands%influence)
+         call world%add_up(size(bands%bias), bands%bias)
          if (allocated(bands%batches%variance)) &
             call world%add_up(size(bands%batches%variance), bands%batches%variance)
       end associate

@@ -309,6 +309,7 @@ def table_statistics(case: Case) -> Table:
             row.append(f"{float(data['band_ratio'][i]):.3f}")
             low, high = float(data["band_ratio_low"][i]), float(data["band_ratio_high"][i])
             row += [f"{low:.3f}", f"{high:.3f}"]
+        if case.has("band_ratio_bias"):
             row.append(f"{100.0 * float(data['band_ratio_bias'][i]):.1f}")
         if case.has("band_ratio_time_error"):
             row.append(f"{float(data['band_ratio_time_error'][i]):.2g}")
@@ -316,7 +317,9 @@ def table_statistics(case: Case) -> Table:
     header = ["joint and dof", *(title for _, title, _ in columns)]
     header += [f"pseudo-variance of percentile {level:g} [m²]" for level in percentiles]
     if case.has("band_ratio"):
-        header += ["band ratio", "95 % from", "to", "bias [%]"]
+        header += ["band ratio", "95 % from", "to"]
+    if case.has("band_ratio_bias"):
+        header += ["bias [%]"]
     if case.has("band_ratio_time_error"):
         header += ["time-average error of the band ratio"]
     title = f"{case.name}: {case.process}, {case.label}, {case.n_samples} samples"
@@ -325,8 +328,8 @@ def table_statistics(case: Case) -> Table:
         note += f" {int(data['steady'].sum())} of {case.n_samples} samples are steady."
     if case.has("band_ratio"):
         note += (
-            " Those of pseudo-variances, and the interval and bias of the band ratio, are Monte"
-            " Carlo errors alone; time-average errors stand beside them."
+            " Those of pseudo-variances, and the interval of the band ratio, are Monte Carlo errors"
+            " alone; time-average errors stand beside them."
         )
     return Table(f"statistics_{case.name}", title, tuple(header), rows, note, is_detail=True)
 

@@ -4,7 +4,7 @@
 !>
 !> The record that the samples share moves all of them, and more of them do not average it out. It
 !> moves a percentile as it moves, on average, the samples that stand there; whatever more a single
-!> one of them does is in the bootstrap over samples. So the density of a percentile in a batch is
+!> one of them does is in the errors over samples. So the density of a percentile in a batch is
 !> that of the whole march, times the mean over the samples within the interval of its rank (95 %)
 !> of the power of each in that batch, relative to its power in all, within a range of frequencies
 !> about. Full spectra of every batch would say no more at eight times their size.

@@ -63,7 +63,7 @@ module campaign_results
       !> the last percentile's to the first one's
       type(statistic_type), allocatable :: pseudo_variances(:, :)
       real(wp), allocatable :: psd_mean_freedoms(:, :)    !! (dof, frequency) Student's
-      real(wp), allocatable :: band_ratio_bias(:)         !! (dof) relative, by bootstrap
+      real(wp), allocatable :: band_ratio_bias(:)         !! (dof) relative, of plain sampling
       !> for a march of finite length: errors of what the samples have in common, of slip fractions
       !> (joint) and, under one record, of pseudo-variances (dof, statistic)
       real(wp), allocatable :: slip_mean_time_error(:), pseudo_variance_time_error(:, :)
@@ -136,6 +136,7 @@ contains
       allocate (self%sensitivity(size(friction_points), self%best%n_joints), source=nothing)
       self%best%numbers = nothing
       if (.not. allocated(self%best%psd)) return
+      deallocate (self%best%band_ratio_bias)
       self%best%psd = nothing
       self%best%pseudo_variances = nothing
    end subroutine start

@@ -1,6 +1,6 @@
 !> How large the results of a plan and the memory of a rank become, from the shapes of what is kept.
 module campaign_size
-   use campaign_bands, only: n_replicates
+   use campaign_bands, only: most_bins
    use campaign_columns, only: largest_group
    use campaign_plan, only: add_audits, kept_dofs, kept_of, output_settings, plan_type
    use campaign_pooling, only: case_pool, find_pools, plan_draws, reason_for_plain
@@ -281,9 +281,8 @@ contains
          bytes = bytes &
                  + at_once*word*n_kept*(n_frequencies(plan) &
                                         *real(3*n_percentiles + n_sums*n_groups, wp) &
-                                        + parts*(n_percentiles*n_replicates + min(n_group, 512))) &
-                 + word*n_group*n_kept*(together + min(n_powers(plan), 2*n_batches)) &
-                 + 4.0_wp*n_group*n_replicates
+                                        + parts*(n_percentiles + 1)*min(n_group, most_bins)) &
+                 + word*n_group*n_kept*(together + min(n_powers(plan), 2*n_batches))
          if (n_groups > 1) bytes = bytes + word*n_kept*together*n_percentiles*in_bracket &
                                    *sqrt(n_samples)
       end associate

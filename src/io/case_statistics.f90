@@ -141,9 +141,8 @@ contains
                   'pseudo-variance of the last over the first percentile', .true., [n], &
                   integrals(:, last))
       end associate
-      if (.not. present(gains)) &
-         call group%put('band_ratio_bias', statistics%band_ratio_bias, '1', &
-                        'relative bias of band_ratio, by bootstrap', 'kept')
+      call group%put('band_ratio_bias', statistics%band_ratio_bias, '1', &
+                     'relative bias of band_ratio, of percentiles of few samples', 'kept')
 
    contains
 
@@ -200,8 +199,9 @@ contains
       call put('slip_percentiles_interval_method', 'order statistics, binomial, 95 %')
       if (.not. has_bands) return
       call put('psd_percentiles_interval_method', 'order statistics, binomial, 95 %')
-      call put('band_ratio_interval_method', 'bootstrap over samples, of the logarithm, 95 %')
-      call put('pseudo_variance_percentiles_error_method', 'bootstrap over samples')
+      call put('band_ratio_interval_method', &
+               'influences of samples on its logarithm, Student, 95 %')
+      call put('pseudo_variance_percentiles_error_method', 'influences of samples, Student')
 
    contains
 

@@ -83,7 +83,7 @@ contains
       real(wp), intent(in) :: p         !! share of the law below
       integer, intent(in), optional :: ranking(:, :)   !! (rank, output) samples, where known
       type(estimates_type) :: plain
-      real(wp) :: sorted(size(y, 1)), factor, rank, scatter, slope
+      real(wp) :: sorted(size(y, 1)), factor, rank, reach, scatter, slope
       logical :: has_ends(2)   ! order statistics where the interval ends
       integer :: n, o
 
@@ -92,6 +92,7 @@ contains
       allocate (plain%stretch(2, size(y, 2)), source=1.0_wp)
       rank = 1.0_wp + p*(n - 1)
       scatter = sqrt(p*(1.0_wp - p)*n)
+      reach = min(scatter, rank - 1.0_wp, n - rank)
       has_ends = [rank - two_sided*scatter >= 1.0_wp, rank + two_sided*scatter <= n]
       do o = 1, size(y, 2)
          if (present(ranking)) then
@@ -103,8 +104,12 @@ contains
          slope = slope_between(sorted, rank - scatter, rank + scatter)
          plain%influence(:, o) = slope*merge(p - 1.0_wp, p, y(:, o) <= plain%value(o))
          plain%influence(:, o) = plain%influence(:, o) - sum(plain%influence(:, o))/n
-         ! the law's share below the order statistic of a rank is rank/(n + 1) in the mean
+         ! the law's share below the order statistic of a rank is rank/(n + 1) in the mean; that
+         ! scatters, and the quantile bends
          plain%bias(o) = n*slope*(rank/(n + 1) - p)
+         if (reach > 0.0_wp) plain%bias(o) = plain%bias(o) + 0.5_wp*(scatter/reach)**2 &
+                                             *(at_rank(sorted, rank + reach) - plain%value(o) &
+                                               + at_rank(sorted, rank - reach) - plain%value(o))
          if (.not. slope > 0.0_wp) cycle
          factor = 1.0_wp/student_factor(freedoms_of(plain%influence(:, o), &
                                                     sum_of_squares(plain%influence(:, o))))

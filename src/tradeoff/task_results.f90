@@ -134,8 +134,7 @@ contains
          if (.not. plan%output%spectrum) return
          associate (step => 1.0_wp/(plan%output%segment_length*plan%integration%dt))
             call start_bands(result%n_samples, plan%structure%n_dof, &
-                             [(i*step, i=0, size(result%psd, 2) - 1)], percentiles, plan%seed, 1, &
-                             bands)
+                             [(i*step, i=0, size(result%psd, 2) - 1)], percentiles, 1, bands)
          end associate
          call bands%add(1, 1, 1, result%psd)
          call bands%finish(statistics)
