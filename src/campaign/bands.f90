@@ -1,10 +1,10 @@
 !> Bands of uncertainty: percentiles over samples at each frequency, their pseudo-variances,
 !> Eq. (46), and the ratio of the outer ones.
 !>
-!> Integrals over all frequencies have their errors from the influences of samples, which add up
-!> over frequencies: standard errors of the pseudo-variances, and for the ratio the interval ratio
-!> exp(+-1.96 s), s the standard error of its logarithm. Biases add up as well: percentiles of few
-!> samples lie inward.
+!> Integrals over all frequencies have their errors from the influences of samples on the logarithms
+!> of percentiles, which add up over frequencies: standard errors of the pseudo-variances, and for
+!> the ratio the interval ratio exp(+-1.96 s), s the standard error of its logarithm. Biases add up
+!> as well: percentiles of few samples lie inward.
 !>
 !> Memory does not grow with n_samples: spectra come a range of frequencies and a group of samples
 !> at a time, and the influences of neighbouring samples are kept as one.
@@ -26,7 +26,8 @@ module campaign_bands
    private
    public :: band_collector, start_bands, most_bins
 
-   integer, parameter :: most_bins = 512       !! of samples, whose influences are kept
+   integer, parameter :: most_bins = 512        !! of samples, whose influences are kept
+   real(wp), parameter :: at_rest = 1.0e-30_wp  !! of the largest density: none of a sample is less
 
    !> Collects the spectra of one case, by ranges of frequencies and groups of samples.
    type :: band_collector
@@ -91,8 +92,8 @@ contains
       type(estimates_type) :: estimates
       integer :: ranking(size(psd, 3), size(psd, 2))
       real(wp) :: at(size(psd, 2), size(self%influence, 2))   ! mean and percentiles
-      real(wp) :: density(size(psd, 3), size(psd, 2)), rank(size(self%share_below), 3)
-      real(wp) :: share, weight
+      real(wp), dimension(size(psd, 3), size(psd, 2)) :: density, logarithm
+      real(wp) :: rank(size(self%share_below), 3), share, slope(size(psd, 2)), weight
       integer :: dof, f, place, s
 
       share = real(size(psd, 3), wp)/self%columns%n_samples
@@ -101,20 +102,23 @@ contains
          density = transpose(psd(dof, :, :))
          do f = 1, size(psd, 2)
             call self%columns%add(dof + self%n_dof*(first + f - 2), group, density(:, f), &
-                                  ranking(:, f))
+                                  at(f, 2:), ranking(:, f))
+            logarithm(:, f) = log(max(density(:, f), at_rest*maxval(density(:, f)), tiny(share)))
          end do
          do s = 1, size(at, 2)
             if (s == 1) then
                estimates = plain_mean(density)
+               at(:, 1) = estimates%value
+               slope = weight
             else
-               estimates = plain_percentile(density, self%share_below(s - 1), ranking)
+               estimates = plain_percentile(logarithm, self%share_below(s - 1), ranking)
+               slope = weight*at(:, s)
             end if
-            at(:, s) = estimates%value
             associate (bias => self%bias(s, dof, slice, group))
                do f = 1, size(psd, 2)
-                  call add_to_bins(self%bin_width, weight*estimates%influence(:, f), &
+                  call add_to_bins(self%bin_width, slope(f)*estimates%influence(:, f), &
                                    self%influence(:, s, dof, slice, group))
-                  bias = bias + share*weight*estimates%bias(f)
+                  bias = bias + share*slope(f)*estimates%bias(f)
                end do
             end associate
          end do

@@ -107,12 +107,13 @@ contains
       is_beyond = self%rank(p, which) < 1.0_wp .or. self%rank(p, which) > self%n_samples
    end function is_beyond
 
-   !> Adds a group's values of one column; hands back their order where wanted.
-   pure subroutine add(self, column, group, values, ranking)
+   !> Adds a group's values of one column; hands back their percentiles and order where wanted.
+   pure subroutine add(self, column, group, values, in_group, ranking)
       class(column_collector), intent(inout) :: self
       integer, intent(in) :: column, group
-      real(wp), intent(in) :: values(:)              !! (sample)
-      integer, intent(out), optional :: ranking(:)   !! of the samples, ascending
+      real(wp), intent(in) :: values(:)                !! (sample)
+      real(wp), intent(out), optional :: in_group(:)   !! (percentile)
+      integer, intent(out), optional :: ranking(:)     !! of the samples, ascending
       integer :: ascending(size(values)), p, which
       real(wp), dimension(self%n_percentiles, 3) :: percentile, rank
       real(wp) :: sorted(size(values))
@@ -130,6 +131,7 @@ contains
       self%sums(:, column, group) = sums_of(values)
       self%at(column, :, :) = self%at(column, :, :) &
                               + real(size(values), wp)/self%n_samples*percentile
+      if (present(in_group)) in_group = percentile(:, middle)
       if (present(ranking)) ranking = ascending
    end subroutine add
 
