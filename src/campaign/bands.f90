@@ -4,7 +4,7 @@
 !> Integrals over all frequencies have their errors from the influences of samples on the logarithms
 !> of percentiles, which add up over frequencies: standard errors of the pseudo-variances, and for
 !> the ratio the interval ratio exp(+-1.96 s), s the standard error of its logarithm. Biases add up
-!> as well: percentiles of few samples lie inward.
+!> as well, and are in the errors, squared: percentiles of few samples lie inward.
 !>
 !> Memory does not grow with n_samples: spectra come a range of frequencies and a group of samples
 !> at a time, and the influences of neighbouring samples are kept as one.
@@ -193,7 +193,7 @@ contains
 
       do s = 1, size(bias)
          by_bin(:, s) = reshape(influence(:, s, :), [size(by_bin, 1)])
-         integrals(s)%error = stated_error(by_bin(:, s), 0.0_wp, n_samples)
+         integrals(s)%error = stated_error(by_bin(:, s), bias(s), n_samples)
       end do
       integrals(1)%error = sqrt(n_samples/(n_samples - 1.0_wp))*norm2(by_bin(:, 1))
       ratio_bias = not_a_number
@@ -202,10 +202,11 @@ contains
          ratio = statistic_type(not_a_number, low=not_a_number, high=not_a_number)
          if (.not. bottom > 0.0_wp) return
          associate (top => integrals(last)%value)
-            spread = two_sided*stated_error(by_bin(:, last)/top - by_bin(:, 2)/bottom, 0.0_wp, &
-                                            n_samples)
+            ratio_bias = bias(last)/top - bias(2)/bottom   ! of the logarithm
+            spread = two_sided*stated_error(by_bin(:, last)/top - by_bin(:, 2)/bottom, &
+                                            ratio_bias, n_samples)
+            ratio_bias = exp(ratio_bias) - 1.0_wp
             ratio%value = top/bottom
-            ratio_bias = exp(bias(last)/top - bias(2)/bottom) - 1.0_wp
          end associate
          ratio%low = ratio%value*exp(-spread)
          ratio%high = ratio%value*exp(spread)
