@@ -20,7 +20,7 @@ module driver_output
                                  stored_in_results
    use io_files, only: exists, follow_links, remove_file
    use io_lock, only: lock_type, take_lock
-   use io_shards, only: finished_samples, list_shards, named_shard, order_shards, read_shard, &
+   use io_shards, only: finished_samples, list_shards, order_shards, path_of, read_shard, &
                         remove_covered, shard_type, stored_samples
    use io_store, only: new_store, remove_leftovers, remove_store, shard_store
    use parallel_world, only: stop_world, world_type
@@ -282,14 +282,10 @@ contains
       numbers = reshape(real([shards%case_number, shards%first_sample, shards%n_samples], wp), &
                         [size(shards), 3])
       call self%world%broadcast(numbers)
-      deallocate (shards)
-      allocate (shards(size(numbers, 1)))
-      do i = 1, size(shards)
-         shards(i) = named_shard(self%store, nint(numbers(i, 1)), nint(numbers(i, 2)), &
-                                 nint(numbers(i, 3)))
-      end do
-      call order_shards(self%store, [shards, stored_in_results(self%path, self%n_stored, &
-                                                               block_width(plan), shards)], stored)
+      shards = [(shard_type(nint(numbers(i, 1)), nint(numbers(i, 2)), nint(numbers(i, 3))), &
+                 i=1, size(numbers, 1))]
+      call order_shards(self%store, [shards, stored_in_results(self%n_stored, block_width(plan), &
+                                                               shards)], stored)
    end subroutine list_stored
 
    !> Reads this rank's share of all shards whole, or, beside other runs, one of all, as they belong
@@ -320,9 +316,8 @@ contains
       if (.not. self%is_shared) return
       is_ours = self%lock%claim(number_of(block))
       if (.not. is_ours) return
-      associate (shard => named_shard(self%store, block%case_number, block%first, &
-                                      block%last - block%first + 1))
-         is_ours = .not. exists(shard%path)   ! finished before our claim
+      associate (shard => shard_type(block%case_number, block%first, block%last - block%first + 1))
+         is_ours = .not. exists(path_of(self%store, shard))   ! finished before our claim
       end associate
       if (.not. is_ours) call self%lock%give_back(number_of(block))
    end function take

@@ -8,7 +8,7 @@ module io_blocks
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use io_group, only: group_type
-   use io_hdf5, only: allocate_for, hdf5_file, label_type, make_dataset, move_rows, read_extent
+   use io_hdf5, only: hdf5_file
    implicit none(type, external)
    private
    public :: put_block, read_block, write_blocks
@@ -227,7 +227,7 @@ contains
 
       if (allocated(w%group%error)) return
       if (.not. w%group%has('transition_time')) return
-      call read_extent(w%group%file, w%group%at('transition_time'), 1, n, w%group%error)
+      call w%group%read_shape('transition_time', n, 1)
       if (allocated(w%group%error)) return
       w%before = 0
       w%place = 0
@@ -257,35 +257,32 @@ contains
       class(dataset_visitor), intent(inout) :: self
       character(*), intent(in) :: name, units, axes, about   !! axes in Python's order
       real(wp), allocatable, intent(inout) :: values(..)
-      character(*), intent(in), optional :: kind   !! as label_type has it
-      type(label_type) :: label
-      character(:), allocatable :: path
+      character(*), intent(in), optional :: kind   !! as `make` has it
+      character(:), allocatable :: own_axes
       integer :: extents(rank(values))
+      integer, allocatable :: chunk(:)
 
       if (allocated(self%group%error)) return
-      path = self%group%at(name)
       if (self%deed == reads) then
-         if (.not. self%group%file%has(path)) return
-         call allocate_for(self%group%file, path, values, self%group%error, self%n_all)
+         if (.not. self%group%has(name)) return
+         call self%group%allocate_for(name, values, self%n_all)
       else if (.not. allocated(values)) then
          return
-      else if (.not. self%group%file%has(path)) then
-         label = label_type(units, about, '')
-         if (present(kind)) label%kind = kind
+      else if (.not. self%group%has(name)) then
          extents = shape(values)
+         own_axes = ''
          if (self%deed == puts) then
-            label%axes = self%group%axes_named(axes)
+            own_axes = self%group%axes_named(axes)
          else if (name == 'psd') then
-            label%chunk = [extents(1), frequencies_together(extents(1), extents(2)), &
-                           min(extents(3), self%n_all)]
+            chunk = [extents(1), frequencies_together(extents(1), extents(2)), &
+                     min(extents(3), self%n_all)]
          end if
-         call make_dataset(self%group%file, path, &
-                           int([extents(:size(extents) - 1), self%n_all], long), label, &
-                           self%group%error)
+         call self%group%make(name, int([extents(:size(extents) - 1), self%n_all], long), units, &
+                              about, own_axes, kind, chunk)
       end if
       if (.not. allocated(self%group%error)) &
-         call move_rows(self%group%file, path, self%before, values, self%place, self%n, &
-                        self%deed /= reads, self%group%error)
+         call self%group%move_rows(name, self%before, values, self%place, self%n, &
+                                   self%deed /= reads)
    end subroutine visit
 
 end module io_blocks

@@ -9,7 +9,7 @@ module io_contents
    use core_kinds, only: long
    use core_table, only: next_word
    use core_text, only: to_text
-   use io_hdf5, only: check_dataset, hdf5_file, hdf5_object, read_shape
+   use io_hdf5, only: hdf5_file, hdf5_group
    implicit none(type, external)
    private
    public :: check_contents, note_contents
@@ -28,25 +28,25 @@ module io_contents
 contains
 
    !> Notes what a group of a file and those in it hold, before the file is closed.
-   recursive subroutine note_contents(file, group, error)
+   recursive subroutine note_contents(file, path, error)
       type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: group   !! with its last slash
+      character(*), intent(in) :: path   !! of the group
       type(error_type), allocatable, intent(out) :: error
       character(:), allocatable :: members
-      type(hdf5_object) :: object
+      type(hdf5_group) :: group
       integer :: first, last
 
-      object = hdf5_object(file, group)
-      object%seals_texts = .true.
-      call list_members(file, group, members, object%error)
-      call object%attribute(list, members)
-      call object%take_error(error)
+      group = hdf5_group(file, path)
+      group%seals_texts = .true.
+      call list_members(group, members)
+      call group%attribute(list, members)
+      call group%take_error(error)
       last = 0
       do while (.not. allocated(error))
          call next_word(members, first, last)
          if (first > last) exit
          if (members(last:last) == '/') &
-            call note_contents(file, group//members(first:last), error)
+            call note_contents(file, group%at(members(first:last - 1)), error)
       end do
    end subroutine note_contents
 
@@ -65,23 +65,19 @@ contains
       call raise(error, exit_file, file%path//' is damaged: '//faults%text)
    end subroutine check_contents
 
-   recursive subroutine check_group(file, group, faults)
+   recursive subroutine check_group(file, path, faults)
       type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: group   !! with its last slash
+      character(*), intent(in) :: path   !! of the group
       type(fault_list), intent(inout) :: faults
       character(:), allocatable :: members, name, noted, word
-      type(error_type), allocatable :: error
-      type(hdf5_object) :: object
+      type(hdf5_group) :: group
       integer :: first, last
 
-      object = hdf5_object(file, group)
-      call object%read(list, noted)
-      call object%take_error(error)
-      if (.not. allocated(error)) call list_members(file, group, members, error)
-      if (allocated(error)) then
-         call faults%add(error%message(len(file%path) + 3:))
-         return
-      end if
+      group = hdf5_group(file, path)
+      call group%read(list, noted)
+      call list_members(group, members)
+      if (allocated(group%error)) noted = ''
+      call add_error()
       last = 0
       do
          call next_word(noted, first, last)
@@ -91,39 +87,48 @@ contains
          if (index(' '//members//' ', ' '//word//' ') == 0) then
             if (any([index(' '//members, ' '//name//'/'), index(' '//members, ' '//name//'(')] &
                     > 0)) then
-               call faults%add(group//name//' does not have the shape '//word(len(name) + 1:)// &
-                               ' any more')
+               call faults%add(group%at(name)//' does not have the shape '// &
+                               word(len(name) + 1:)//' any more')
             else
-               call faults%add(group//name//' is missing')
+               call faults%add(group%at(name)//' is missing')
             end if
          else if (word == name//'/') then
-            call check_group(file, group//word, faults)
+            call check_group(file, group%at(name), faults)
          else
-            call check_dataset(file, group//name, error)
-            if (allocated(error)) call faults%add(error%message(len(file%path) + 3:))
+            call group%check(name)
+            call add_error()
          end if
       end do
+
+   contains
+
+      !> Adds the error that the group has met.
+      subroutine add_error()
+         if (.not. allocated(group%error)) return
+         call faults%add(group%error%message(len(file%path) + 3:))
+         deallocate (group%error)
+      end subroutine add_error
+
    end subroutine check_group
 
    !> Lists the members of a group as words, each with its shape.
-   subroutine list_members(file, group, members, error)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: group   !! with its last slash
+   subroutine list_members(group, members)
+      type(hdf5_group), intent(inout) :: group
       character(:), allocatable, intent(out) :: members
-      type(error_type), allocatable, intent(out) :: error
       character(:), allocatable :: names(:)
       integer(long), allocatable :: extents(:)
       integer :: i
 
       members = ''
-      call file%list(group, names, error)
+      if (allocated(group%error)) return
+      call group%file%list(group%path, names, group%error)
       do i = 1, size(names)
-         if (allocated(error)) return
+         if (allocated(group%error)) return
          if (i > 1) members = members//' '
-         if (file%is_group(group//trim(names(i)))) then
+         if (group%file%is_group(group%at(trim(names(i))))) then
             members = members//trim(names(i))//'/'
          else
-            call read_shape(file, group//trim(names(i)), extents, error)
+            call group%read_shape(trim(names(i)), extents)
             members = members//trim(names(i))//shape_text(extents)
          end if
       end do

@@ -97,8 +97,7 @@ contains
    end subroutine inspect_results
 
    !> The samples of a results file, but for those that have shards of their own.
-   function stored_in_results(path, n_samples, together, shards) result(stored)
-      character(*), intent(in) :: path
+   function stored_in_results(n_samples, together, shards) result(stored)
       integer, intent(in) :: n_samples(:)   !! (case and audit), as inspect_results found them
       integer, intent(in) :: together       !! samples that are read at once
       type(shard_type), intent(in) :: shards(:)
@@ -114,7 +113,7 @@ contains
             last = min(first + together - 1, n_samples(c))
             if (all(is_there(first:last, c))) cycle
             n = n + 1
-            stored(n) = shard_type(path, c, first, last - first + 1, &
+            stored(n) = shard_type(c, first, last - first + 1, &
                                    case_group(c, size(n_samples)/2), first - 1)
          end do
       end do

@@ -4,12 +4,12 @@ module io_force
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use io_files, only: file_size
-   use io_hdf5, only: hdf5_file, hdf5_object, open_hdf5, read_dataset, read_shape
+   use io_hdf5, only: hdf5_file, hdf5_group, hdf5_object, open_hdf5
    implicit none(type, external)
    private
    public :: read_force_hdf5
 
-   character(*), parameter :: name = '/force'
+   character(*), parameter :: name = 'force'
 
 contains
 
@@ -22,73 +22,77 @@ contains
       real(wp), allocatable, intent(out) :: force(:, :)   !! (0:n_steps, 1 or sample) [N]
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
+      type(hdf5_group) :: root
 
       call open_hdf5(path, file, error)
-      if (.not. allocated(error)) call check_interval(file, dt, error)
-      if (.not. allocated(error)) call read_records(file, force, error)
+      root = hdf5_group(file, '/')
+      if (.not. allocated(error)) call check_interval(root, dt, error)
+      if (.not. allocated(error)) call read_records(root, force, error)
       call file%abandon()
       if (allocated(error)) error%exit_code = exit_bad_input
    end subroutine read_force_hdf5
 
-   subroutine check_interval(file, dt, error)
-      type(hdf5_file), intent(in) :: file
+   !> Refuses a file without the dataset, or with another interval than the scene's.
+   subroutine check_interval(root, dt, error)
+      type(hdf5_group), intent(in) :: root
       real(wp), intent(in) :: dt
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: rounding = 1.0e-12_wp   ! relative: of a dt that was calculated
       type(hdf5_object) :: dataset
       real(wp) :: found
 
-      if (.not. file%has(name)) then
-         call raise(error, exit_bad_input, file%path//': has no dataset '//name)
+      dataset%file = root%file
+      dataset%path = root%at(name)
+      if (.not. root%has(name)) then
+         call raise(error, exit_bad_input, root%file%path//': has no dataset '//dataset%path)
          return
       end if
-      dataset = hdf5_object(file, name)
       if (.not. dataset%has_attribute('dt')) return
       call dataset%read('dt', found)
       call dataset%take_error(error)
       if (allocated(error)) return
-      if (.not. abs(found - dt) <= rounding*dt) then
-         call raise(error, exit_bad_input, file%path//': attribute dt of '//name//' = '// &
-                    to_text(found)//': must be integration%dt = '//to_text(dt))
-      end if
+      if (.not. abs(found - dt) <= rounding*dt) &
+         call raise(error, exit_bad_input, root%file%path//': attribute dt of '//dataset%path// &
+                    ' = '//to_text(found)//': must be integration%dt = '//to_text(dt))
    end subroutine check_interval
 
-   subroutine read_records(file, force, error)
-      type(hdf5_file), intent(in) :: file
+   subroutine read_records(root, force, error)
+      type(hdf5_group), intent(inout) :: root
       real(wp), allocatable, intent(out) :: force(:, :)
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: densest = 1000.0_wp   ! values in a byte, whatever the compression
+      character(:), allocatable :: what
       integer(long), allocatable :: n(:)
       real(wp) :: room
-      logical :: is_one_record
-      integer :: status
+      integer :: n_axes, status
 
-      call read_shape(file, name, n, error)
-      if (allocated(error) .or. all(size(n) /= [1, 2])) then
-         call raise(error, exit_bad_input, file%path//': '//name// &
+      what = root%file%path//': '//root%at(name)
+      call root%read_shape(name, n)
+      if (allocated(root%error) .or. all(size(n) /= [1, 2])) then
+         call raise(error, exit_bad_input, what// &
                     ': must be a dataset of one axis (step) or two (sample, step)')
          return
       end if
-      is_one_record = size(n) == 1
-      if (is_one_record) n = [n, 1_long]
-      room = densest*real(file_size(file%path), wp)
-      if (any(n < 1) .or. any(n > huge(0)) .or. &
-          product(real(n, wp)) > room) then
-         call raise(error, exit_bad_input, file%path//': '//name//' has '//to_text(n(2))// &
-                    ' records of '//to_text(n(1))//' values: none, or more than the file can hold')
+      n_axes = size(n)
+      n = [n, 1_long]
+      room = densest*real(file_size(root%file%path), wp)
+      if (any(n < 1) .or. any(n > huge(0)) .or. product(real(n, wp)) > room) then
+         call raise(error, exit_bad_input, what//' has '//to_text(n(2))//' records of '// &
+                    to_text(n(1))//' values: none, or more than the file can hold')
          return
       end if
       allocate (force(0:n(1) - 1, n(2)), stat=status)
       if (status /= 0) then
-         call raise(error, exit_bad_input, file%path//': '//name//' does not fit into memory: '// &
-                    to_text(n(1)*n(2))//' values')
+         call raise(error, exit_bad_input, what//' does not fit into memory: '// &
+                    to_text(product(n))//' values')
          return
       end if
-      if (is_one_record) then
-         call read_dataset(file, name, force(:, 1), error)
+      if (n_axes == 1) then
+         call root%read_part(name, [1], force(:, 1))
       else
-         call read_dataset(file, name, force, error)
+         call root%read_part(name, [1, 1], force)
       end if
+      call root%take_error(error)
    end subroutine read_records
 
 end module io_force

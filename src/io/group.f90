@@ -1,22 +1,19 @@
 !> A group of a file that is filled or read. After a first error everything else passes by.
 module io_group
    use core_kinds, only: wp
-   use io_hdf5, only: allocate_for, hdf5_file, hdf5_object, label_type, move_rows, read_dataset, &
-                      write_dataset
+   use io_hdf5, only: hdf5_file, hdf5_group
    implicit none(type, external)
    private
    public :: group_type, new_group
 
-   !> A group with its datasets.
-   type, extends(hdf5_object) :: group_type
+   !> A group that is filled with labelled datasets, or read.
+   type, extends(hdf5_group) :: group_type
       character(24), private :: axis = ''   !! of the columns of a table
       character(8) :: kept_axis = 'dof'     !! stands for 'kept': dofs whose spectra are kept
    contains
       generic :: get => get_row, get_matrix
       generic :: put => put_reals, put_integers
-      procedure :: at
       procedure :: axes_named
-      procedure :: has
       procedure :: get_number
       procedure :: go_to
       procedure :: put_axis
@@ -37,16 +34,6 @@ contains
       call group%go_to(path)
    end function new_group
 
-   !> Path of a member.
-   pure function at(self, name) result(path)
-      class(group_type), intent(in) :: self
-      character(*), intent(in) :: name
-      character(:), allocatable :: path
-
-      path = self%path//'/'//name
-      if (self%path == '/') path = '/'//name
-   end function at
-
    !> The axes as they are called in this group.
    pure function axes_named(self, axes) result(names)
       class(group_type), intent(in) :: self
@@ -58,14 +45,6 @@ contains
       names = axes
       if (axes(last + 1:) == 'kept') names = axes(:last)//trim(self%kept_axis)
    end function axes_named
-
-   !> True if there is a member of this name.
-   logical function has(self, name)
-      class(group_type), intent(in) :: self
-      character(*), intent(in) :: name
-
-      has = self%file%has(self%at(name))
-   end function has
 
    !> Goes on with another group of the file, made where it is not there.
    subroutine go_to(self, path)
@@ -82,17 +61,14 @@ contains
       character(*), intent(in) :: name, units, long_name
       real(wp), intent(in), contiguous, optional :: values(..)
       character(*), intent(in), optional :: axes   !! in Python's order, '' of a scalar; of a column
-      character(*), intent(in), optional :: kind   !! as label_type has it
+      character(*), intent(in), optional :: kind   !! as `make` has it
       integer, intent(in), optional :: extents(:)  !! of the dataset, if not the shape of `values`
-      type(label_type) :: label
+      character(:), allocatable :: names
 
-      if (.not. present(values) .or. allocated(self%error)) return
-      label = label_type(units, long_name)
-      label%axes = trim(self%axis)
-      if (present(axes)) label%axes = self%axes_named(axes)
-      if (present(kind)) label%kind = kind
-      if (present(extents)) label%extents = extents
-      call write_dataset(self%file, self%at(name), values, label, self%error)
+      if (.not. present(values)) return
+      names = trim(self%axis)
+      if (present(axes)) names = self%axes_named(axes)
+      call self%write_dataset(name, values, units, long_name, names, kind, extents)
    end subroutine put_reals
 
    subroutine put_integers(self, name, values, units, long_name, axes)
@@ -144,8 +120,7 @@ contains
       character(*), intent(in) :: name
       real(wp), intent(inout) :: value
 
-      if (.not. allocated(self%error)) &
-         call read_dataset(self%file, self%at(name), value, self%error)
+      call self%read_part(name, [integer ::], value)
    end subroutine get_number
 
    !> Reads a dataset of reals; an array that is not there is not allocated.
@@ -176,10 +151,9 @@ contains
 
       if (allocated(self%error)) return
       if (.not. self%has(name)) return
-      call allocate_for(self%file, self%at(name), values, self%error)
+      call self%allocate_for(name, values)
       if (.not. allocated(self%error)) &
-         call move_rows(self%file, self%at(name), 0, values, 0, size(values, rank(values)), &
-                        .false., self%error)
+         call self%move_rows(name, 0, values, 0, size(values, rank(values)), .false.)
    end subroutine get_reals
 
 end module io_group

@@ -7,7 +7,7 @@ module io_shards
    use core_text, only: to_text
    use io_blocks, only: read_block, write_blocks
    use io_files, only: list_files, remove_file, unfinished
-   use io_hdf5, only: hdf5_file, move_part, open_hdf5
+   use io_hdf5, only: hdf5_file, hdf5_group, open_hdf5
    use io_lock, only: lock_type
    use io_process_results, only: process_name
    use io_store, only: finish_file, numbers_in, open_own, remove_store, shard_store, start_file
@@ -15,14 +15,13 @@ module io_shards
    implicit none(type, external)
    private
    public :: shard_type
-   public :: list_shards, named_shard, read_shard, remove_covered, write_shard
+   public :: list_shards, path_of, read_shard, remove_covered, write_shard
    public :: finished_samples, order_shards, stored_samples
 
    character(*), parameter :: advice = '; remove it to have its samples computed again'
 
    !> One shard, as its name tells it; or some samples of an earlier results file.
    type :: shard_type
-      character(:), allocatable :: path
       integer :: case_number = 0
       integer :: first_sample = 0
       integer :: n_samples = 0
@@ -55,22 +54,23 @@ contains
       type(hdf5_file) :: file
       character(:), allocatable :: name
 
-      name = shard_name(blocks(1)%case_number, blocks(1)%first_sample, sum(blocks%n_samples))
+      name = shard_name(shard_type(blocks(1)%case_number, blocks(1)%first_sample, &
+                                   sum(blocks%n_samples)))
       call start_file(store, name, file, error)
       if (allocated(error)) return
       call write_blocks(file, blocks, error)
       call finish_file(store, name, file, error)
    end subroutine write_shard
 
-   !> The shard of these samples, there or not.
-   pure function named_shard(store, case_number, first_sample, n_samples) result(shard)
+   !> Path of a shard, there or not; of samples in a results file that of the file.
+   pure function path_of(store, shard) result(path)
       type(shard_store), intent(in) :: store
-      integer, intent(in) :: case_number, first_sample, n_samples
-      type(shard_type) :: shard
+      type(shard_type), intent(in) :: shard
+      character(:), allocatable :: path
 
-      shard = shard_type(store%folder//'/'//shard_name(case_number, first_sample, n_samples), &
-                         case_number, first_sample, n_samples)
-   end function named_shard
+      path = store%folder//'/'//shard_name(shard)
+      if (shard%group /= '') path = store%output
+   end function path_of
 
    !> Lists the shards of a store by their names; a file that is none is refused by name.
    subroutine list_shards(store, shards, error)
@@ -88,8 +88,8 @@ contains
          numbers = numbers_in(name)
          if (index(name, unfinished) > 0 .or. name == process_name(numbers(1))) cycle
          n = n + 1
-         shards(n) = named_shard(store, numbers(1), numbers(2), numbers(3) - numbers(2) + 1)
-         if (shards(n)%path == store%folder//'/'//name) cycle
+         shards(n) = shard_type(numbers(1), numbers(2), numbers(3) - numbers(2) + 1)
+         if (shard_name(shards(n)) == name) cycle
          call raise(error, exit_file, store%folder//'/'//name// &
                     ' is not the name of a shard: only shards may lie in this folder')
          return
@@ -108,10 +108,9 @@ contains
 
       block = unread
       if (shard%group /= '') then
-         call open_hdf5(shard%path, file, error)
+         call open_hdf5(path_of(store, shard), file, error)
       else
-         call open_own(store, shard_name(shard%case_number, shard%first_sample, shard%n_samples), &
-                       'samples', advice, file, error)
+         call open_own(store, shard_name(shard), 'samples', advice, file, error)
       end if
       if (allocated(error)) return
       block%case_number = shard%case_number
@@ -147,7 +146,7 @@ contains
          if (shards(i)%first_sample + shards(i)%n_samples - 1 > last) then
             is_bare = .false.
          else
-            call remove_file(shards(i)%path, error)
+            call remove_file(path_of(store, shards(i)), error)
             if (allocated(error)) return
          end if
       end do
@@ -156,13 +155,13 @@ contains
    end subroutine remove_covered
 
    !> c007_s00033-00064.h5: case 7, samples 33 to 64.
-   pure function shard_name(case_number, first_sample, n_samples) result(name)
-      integer, intent(in) :: case_number, first_sample, n_samples
+   pure function shard_name(shard) result(name)
+      type(shard_type), intent(in) :: shard
       character(:), allocatable :: name
       character(64) :: buffer
 
-      write (buffer, '(a, i0.3, a, i0.5, a, i0.5, a)') 'c', case_number, '_s', first_sample, '-', &
-         first_sample + n_samples - 1, '.h5'
+      write (buffer, '(a, i0.3, a, i0.5, a, i0.5, a)') 'c', shard%case_number, '_s', &
+         shard%first_sample, '-', shard%first_sample + shard%n_samples - 1, '.h5'
       name = trim(buffer)
    end function shard_name
 
@@ -227,7 +226,7 @@ contains
       do i = 1, size(chosen)
          associate (shard => self%shards(chosen(i)))
             call find_common(shard, first, last, before, n)
-            call open_hdf5(shard%path, file, error)
+            call open_hdf5(path_of(self%store, shard), file, error)
             if (allocated(error)) return
             call read_block(file, trim(shard%group), block, shard%before + before, &
                             shard%first_sample + before - first, n, .true., error)
@@ -248,6 +247,7 @@ contains
       real(wp), intent(out), contiguous :: values(:, :, :)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
+      type(hdf5_group) :: group
       integer, allocatable :: chosen(:)
       integer :: before, i, last, n, place
 
@@ -258,11 +258,13 @@ contains
          associate (shard => self%shards(chosen(i)))
             call find_common(shard, first(3), last, before, n)
             place = shard%first_sample + before - first(3)
-            call open_hdf5(shard%path, file, error)
+            call open_hdf5(path_of(self%store, shard), file, error)
             if (allocated(error)) return
-            call move_part(file, trim(shard%group)//'/'//name, &
-                           [first(:2), shard%before + before + 1], &
-                           values(:, :, place + 1:place + n), .false., error)
+            group%file = file
+            group%path = trim(shard%group)
+            call group%read_part(name, [first(:2), shard%before + before + 1], &
+                                 values(:, :, place + 1:place + n))
+            call group%take_error(error)
          end associate
          call file%abandon()
          if (allocated(error)) return

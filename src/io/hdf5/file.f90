@@ -7,7 +7,7 @@ module io_hdf5_file
    use io_hdf5_outcome, only: conclude, forget_failure, listen_to_failures
    implicit none(type, external)
    private
-   public :: hdf5_file, create_hdf5, hdf5_library, make_parents, new_timeless_list, open_hdf5
+   public :: hdf5_file, create_hdf5, hdf5_library, new_timeless_list, open_hdf5
 
    !> One open file. After an error only `abandon` makes sense.
    type :: hdf5_file
@@ -158,38 +158,24 @@ contains
    !> Creates a group and the groups above it.
    subroutine make_group(self, path, error)
       class(hdf5_file), intent(in) :: self
-      character(*), intent(in) :: path
+      character(*), intent(in) :: path   !! such as /campaign/c001/plain
       type(error_type), allocatable, intent(out) :: error
-
-      call make_parents(self, path)
-      call make_one_group(self, path)
-      call conclude(self%path//': '//path//': cannot be made', error)
-   end subroutine make_group
-
-   !> Creates the missing groups in a path before its last slash.
-   subroutine make_parents(file, path)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path   !! such as /campaign/c001/psd
-      integer :: slash
-
-      slash = 1
-      do while (index(path(slash + 1:), '/') > 0)
-         slash = slash + index(path(slash + 1:), '/')
-         if (.not. file%has(path(:slash - 1))) call make_one_group(file, path(:slash - 1))
-      end do
-   end subroutine make_parents
-
-   subroutine make_one_group(file, path)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path
       integer(hid_t) :: group, properties
-      integer :: status
+      integer :: last, status
 
       call new_timeless_list(H5P_GROUP_CREATE_F, properties)
-      call h5gcreate_f(file%id, path, group, status, gcpl_id=properties)
-      call h5gclose_f(group, status)
+      last = 1
+      do while (last < len(path))
+         last = last + index(path(last + 1:)//'/', '/')   ! at a slash, or behind the path
+         if (last < len(path)) then
+            if (self%has(path(:last - 1))) cycle
+         end if
+         call h5gcreate_f(self%id, path(:last - 1), group, status, gcpl_id=properties)
+         call h5gclose_f(group, status)
+      end do
       call h5pclose_f(properties, status)
-   end subroutine make_one_group
+      call conclude(self%path//': '//path//': cannot be made', error)
+   end subroutine make_group
 
    !> Creates the properties of objects that do not note the time: the same run gives the same
    !> bytes.

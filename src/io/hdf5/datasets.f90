@@ -1,0 +1,330 @@
+!> Datasets of a group: numbers of any rank, whole or in parts, with units, meaning and axes. In
+!> memory all are reals, which hold the whole numbers of a file exactly (below 2^53); HDF5 converts
+!> them.
+!>
+!> Arrays are Fortran's here; Python sees their axes reversed, and axis names are given in Python's
+!> order.
+module io_hdf5_datasets
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
+   use core_chunks, only: chunk_of
+   use core_error, only: exit_file, raise
+   use core_kinds, only: long, wp
+   use core_table, only: next_word
+   use core_text, only: to_text
+   use h5ds, only: h5dsattach_scale_f, h5dsset_scale_f
+   use hdf5
+   use io_hdf5_attributes, only: hdf5_object
+   use io_hdf5_file, only: new_timeless_list
+   use io_hdf5_outcome, only: conclude
+   implicit none(type, external)
+   private
+   public :: hdf5_group
+
+   !> A group with its datasets, which are called by their names in it. After a first error
+   !> everything else passes by.
+   type, extends(hdf5_object) :: hdf5_group
+   contains
+      procedure :: at
+      procedure :: has
+      procedure :: make
+      procedure :: read_shape
+      procedure :: allocate_for
+      procedure :: check
+      procedure :: write_dataset
+      procedure :: read_part
+      procedure :: move_rows
+      procedure, private :: attach_axes, move, take_failure
+   end type hdf5_group
+
+contains
+
+   !> Path of a member.
+   pure function at(self, name) result(path)
+      class(hdf5_group), intent(in) :: self
+      character(*), intent(in) :: name
+      character(:), allocatable :: path
+
+      path = self%path//'/'//name
+      if (self%path == '/') path = '/'//name
+   end function at
+
+   !> True if there is a member of this name.
+   logical function has(self, name)
+      class(hdf5_group), intent(in) :: self
+      character(*), intent(in) :: name
+
+      has = self%file%has(self%at(name))
+   end function has
+
+   !> Takes the failure of what was done with a dataset, where there was one.
+   subroutine take_failure(self, name, failure)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name, failure
+
+      call conclude(self%file%path//': '//self%at(name)//failure, self%error)
+   end subroutine take_failure
+
+   !> Creates a dataset without values: a scalar in the object's header, an array in chunks, both
+   !> under a checksum of HDF5's own. One that bears the name of its only axis becomes that axis:
+   !> make it before those that have the axis.
+   subroutine make(self, name, extents, units, long_name, axes, kind, chunk)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer(hsize_t), intent(in) :: extents(:)   !! Fortran's order
+      character(*), intent(in) :: units            !! '1' for pure numbers
+      character(*), intent(in) :: long_name
+      character(*), intent(in) :: axes             !! 'sample dof': as Python sees them; may be ''
+      !> 'integer' or 'long' where the file has whole numbers, of 4 or 8 bytes
+      character(*), intent(in), optional :: kind
+      integer, intent(in), optional :: chunk(:)    !! Fortran's order; absent: chosen
+      type(hdf5_object) :: object
+      integer(hsize_t) :: chunks(size(extents))
+      integer(hid_t) :: dataset, number, properties, space
+      integer :: status
+
+      if (allocated(self%error)) return
+      call new_timeless_list(H5P_DATASET_CREATE_F, properties)
+      if (size(extents) == 0) then
+         call h5screate_f(H5S_SCALAR_F, space, status)
+         call h5pset_layout_f(properties, H5D_COMPACT_F, status)
+      else
+         call h5screate_simple_f(size(extents), extents, space, status)
+         if (all(extents > 0)) then
+            chunks = chunk_of(int(extents, long))
+            if (present(chunk)) chunks = chunk
+            call h5pset_chunk_f(properties, size(extents), chunks, status)
+            call h5pset_fletcher32_f(properties, status)
+         end if
+      end if
+      number = H5T_NATIVE_DOUBLE
+      if (present(kind)) then
+         if (kind == 'integer') number = H5T_NATIVE_INTEGER
+         if (kind == 'long') number = h5kind_to_type(long, H5_INTEGER_KIND)
+      end if
+      call h5dcreate_f(self%file%id, self%at(name), number, space, dataset, status, &
+                       dcpl_id=properties)
+      call h5dclose_f(dataset, status)
+      call h5sclose_f(space, status)
+      call h5pclose_f(properties, status)
+      call self%take_failure(name, ': cannot be made')
+      if (allocated(self%error)) return
+      object%file = self%file
+      object%path = self%at(name)
+      call object%attribute('units', units)
+      call object%attribute('long_name', long_name)
+      call object%take_error(self%error)
+      if (.not. allocated(self%error)) call self%attach_axes(name, axes)
+   end subroutine make
+
+   !> Joins each axis of a dataset to the scale of that name in the same group, or in the group
+   !> above.
+   subroutine attach_axes(self, name, axes)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name, axes
+      character(:), allocatable :: path
+      integer(hid_t) :: dataset, scale
+      integer :: first, last, n, status
+
+      call h5dopen_f(self%file%id, self%at(name), dataset, status)
+      if (axes == name) then
+         call h5dsset_scale_f(dataset, status, axes)
+      else
+         n = 0
+         last = 0
+         do
+            call next_word(axes, first, last)
+            if (first > last) exit
+            n = n + 1
+            path = self%at(axes(first:last))
+            if (.not. self%has(axes(first:last))) &
+               path = self%path(:index(self%path, '/', back=.true.))//axes(first:last)
+            call h5dopen_f(self%file%id, path, scale, status)
+            call h5dsattach_scale_f(dataset, scale, n, status)   ! counted as Python counts
+            call h5dclose_f(scale, status)
+         end do
+      end if
+      call h5dclose_f(dataset, status)
+      call self%take_failure(name, ': cannot be given its axes ('//axes//')')
+   end subroutine attach_axes
+
+   !> Reads the extent of each axis of a dataset, in Fortran's order; a scalar has none. Refuses
+   !> another number of axes than expected.
+   subroutine read_shape(self, name, extents, n_axes)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer(long), allocatable, intent(out) :: extents(:)
+      integer, intent(in), optional :: n_axes   !! expected; 0 for a scalar
+      integer(hid_t) :: dataset, space
+      integer(hsize_t), allocatable :: most(:), now(:)
+      integer :: n, status
+
+      n = 0
+      call h5dopen_f(self%file%id, self%at(name), dataset, status)
+      call h5dget_space_f(dataset, space, status)
+      call h5sget_simple_extent_ndims_f(space, n, status)
+      allocate (most(max(n, 0)), now(max(n, 0)), source=0_hsize_t)
+      if (n > 0) call h5sget_simple_extent_dims_f(space, now, most, status)
+      extents = int(now, long)
+      call h5sclose_f(space, status)
+      call h5dclose_f(dataset, status)
+      call self%take_failure(name, ': cannot be read')
+      if (allocated(self%error) .or. .not. present(n_axes)) return
+      if (n /= n_axes) call raise(self%error, exit_file, self%file%path//': '//self%at(name)// &
+                                  ': cannot be read: '//to_text(n)//' axes where '// &
+                                  to_text(n_axes)//' are expected')
+   end subroutine read_shape
+
+   !> Allocates an array for a dataset, or for so many rows of its last axis, unless it is there. A
+   !> damaged file names any extent. In gfortran 11 `select rank` takes an array for one of assumed
+   !> size if its last bound is -1, as memory where it was never allocated may hold it: that memory
+   !> is set before.
+   subroutine allocate_for(self, name, values, n_rows)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(inout) :: values(..)
+      integer, intent(in), optional :: n_rows
+      integer(long), allocatable :: n(:)
+      integer :: status
+
+      call self%read_shape(name, n, rank(values))
+      if (allocated(self%error) .or. allocated(values)) return
+      if (present(n_rows)) n(size(n)) = n_rows
+      select rank (values)
+      rank (1)
+         allocate (values(n(1)), stat=status)
+      rank (2)
+         allocate (values(n(1), n(2)), stat=status)
+      rank (3)
+         allocate (values(n(1), n(2), n(3)), stat=status)
+      rank default
+         error stop 'allocate_for: more axes than datasets have'
+      end select
+      if (status /= 0) call raise(self%error, exit_file, self%file%path//': '//self%at(name)// &
+                                  ' does not fit into memory: '//to_text(product(n))//' values')
+   end subroutine allocate_for
+
+   !> Reads all of a dataset, a piece at a time, for HDF5 to see that its checksums are right.
+   subroutine check(self, name)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, parameter :: piece = 2**20   ! values
+      integer(long), allocatable :: extents(:)
+      real(wp), allocatable, target :: values(:)
+      real(wp) :: scalar
+      integer(hsize_t), allocatable :: count(:)
+      integer :: i, n, rows
+
+      call self%read_shape(name, extents)
+      if (allocated(self%error) .or. any(extents == 0)) return
+      n = size(extents)
+      if (n == 0) then
+         call self%read_part(name, [integer ::], scalar)
+         return
+      end if
+      count = extents
+      rows = int(max(1_long, min(extents(n), piece/product(extents(:n - 1)))))
+      allocate (values(product(extents(:n - 1))*rows))
+      do i = 1, int(extents(n)), rows
+         count(n) = min(int(rows, hsize_t), extents(n) - i + 1)
+         call self%move(name, [spread(1, 1, n - 1), i], count, c_loc(values), .false., &
+                        ': cannot be read back')
+      end do
+   end subroutine check
+   !> Writes a whole dataset of any rank.
+   subroutine write_dataset(self, name, values, units, long_name, axes, kind, extents)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name, units, long_name, axes   !! as `make` has them
+      real(wp), intent(in), target, contiguous :: values(..)
+      character(*), intent(in), optional :: kind
+      integer, intent(in), optional :: extents(:)   !! of the dataset, if not the shape of `values`
+      integer(hsize_t), allocatable :: whole(:)
+
+      whole = extents_of(values)
+      if (present(extents)) whole = extents
+      call self%make(name, whole, units, long_name, axes, kind)
+      call self%move(name, spread(1, 1, size(whole)), whole, c_loc(values), .true.)
+   end subroutine write_dataset
+
+   !> Reads the part of a dataset that begins at `first` (counted from 1, Fortran's order).
+   subroutine read_part(self, name, first, values)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: first(:)   !! empty for a scalar
+      real(wp), intent(inout), target, contiguous :: values(..)
+
+      call self%move(name, first, extents_of(values), c_loc(values), .false.)
+   end subroutine read_part
+
+   !> The shape of what is written or read; empty for a scalar, whose `shape` gfortran 11 gets wrong
+   !> where the rank is assumed.
+   pure function extents_of(values) result(extents)
+      type(*), intent(in) :: values(..)
+      integer(hsize_t), allocatable :: extents(:)
+      integer :: i
+
+      ! gfortran has -1 for the last extent of an expression without elements
+      extents = [(max(size(values, i, hsize_t), 0_hsize_t), i=1, rank(values))]
+   end function extents_of
+
+   !> Writes n rows of the last axis behind the first `place` of them into a dataset, behind its
+   !> first `before`, or reads them from there.
+   subroutine move_rows(self, name, before, values, place, n, is_written)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: before, place, n
+      real(wp), allocatable, intent(in), target :: values(..)
+      logical, intent(in) :: is_written
+      integer(hsize_t) :: extents(rank(values))
+      integer :: first(rank(values))
+      real(wp), pointer :: numbers(:)
+
+      extents = shape(values)
+      if (any(extents < 1) .or. n < 1) return
+      call c_f_pointer(c_loc(values), numbers, [product(extents)])
+      associate (last => size(extents))
+         extents(last) = n
+         first = 1
+         first(last) = before + 1
+         call self%move(name, first, extents, &
+                        c_loc(numbers(product(extents(:last - 1))*place + 1)), is_written)
+      end associate
+   end subroutine move_rows
+
+   !> Passes values of a scalar or of a part of a dataset to the file or from it.
+   subroutine move(self, name, first, extents, values, is_written, failure)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name
+      integer, intent(in) :: first(:)
+      integer(hsize_t), intent(in) :: extents(:)
+      type(c_ptr), value :: values
+      logical, intent(in) :: is_written
+      character(*), intent(in), optional :: failure   !! to read
+      integer(hid_t) :: dataset, part, memory
+      integer :: status
+
+      if (allocated(self%error) .or. any(extents <= 0)) return
+      call h5dopen_f(self%file%id, self%at(name), dataset, status)
+      call h5dget_space_f(dataset, part, status)
+      if (size(extents) == 0) then
+         call h5screate_f(H5S_SCALAR_F, memory, status)
+      else
+         call h5sselect_hyperslab_f(part, H5S_SELECT_SET_F, int(first, hsize_t) - 1, extents, &
+                                    status)
+         call h5screate_simple_f(size(extents), extents, memory, status)
+      end if
+      if (is_written) then
+         call h5dwrite_f(dataset, H5T_NATIVE_DOUBLE, values, status, memory, part)
+      else
+         call h5dread_f(dataset, H5T_NATIVE_DOUBLE, values, status, memory, part)
+      end if
+      call h5sclose_f(memory, status)
+      call h5sclose_f(part, status)
+      call h5dclose_f(dataset, status)
+      if (present(failure)) then
+         call self%take_failure(name, failure)
+      else
+         call self%take_failure(name, ': cannot be '//trim(merge('written', 'read   ', is_written)))
+      end if
+   end subroutine move
+
+end module io_hdf5_datasets
