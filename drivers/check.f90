@@ -53,7 +53,7 @@ contains
       call foresee_need(world, plan, scene%force, cost%nanoseconds, need)
       if (world%is_root()) then
          call foresee_processes(plan, models)
-         if (.not. line%is_quiet) then
+         if (.not. line%has('--quiet')) then
             call say(summary_text(scene, plan, cost%nanoseconds, world%n_ranks, &
                                   cost%transitions, models, cost%audit_nanoseconds, &
                                   regression_seconds(plan, cost%share_powerful)))

@@ -42,14 +42,12 @@ module driver_command_line
       character(:), allocatable :: scene          !! path of the scene file
       character(:), allocatable :: output         !! path of the results file
       character(:), allocatable :: overrides(:)   !! group%name=value, in the order typed
-      logical :: is_fresh = .false.
-      logical :: is_quiet = .false.
-      logical :: is_shared = .false.              !! run: one of several on one output
       integer :: case_number = 0                  !! replay; counts from 1
       integer :: sample = 0                       !! replay; counts from 1
-      logical :: wants_reference = .false.        !! template
       character(:), allocatable :: subject        !! help: the command that it is about
       logical, private :: is_given(size(options)) = .false.
+   contains
+      procedure :: has
    end type command_line
 
 contains
@@ -85,14 +83,8 @@ contains
          else if (word == '--version' .or. word == 'version' .and. i == 1) then
             line%command = 'version'
             return
-         else if (word == '--fresh') then
-            line%is_fresh = .true.
-         else if (word == '--quiet') then
-            line%is_quiet = .true.
-         else if (word == '--share') then
-            line%is_shared = .true.
-         else if (word == '--reference') then
-            line%wants_reference = .true.
+         else if (any(word == names_in(options))) then
+            cycle   ! it has no value
          else if (index(word, '-') == 1) then
             call raise(error, exit_bad_input, 'unknown option '//word// &
                        suggestion(word, names_in(options)))
@@ -108,6 +100,14 @@ contains
       end do
       call check_together(line, error)
    end subroutine read_command_line
+
+   !> True if an option is given.
+   pure logical function has(self, option)
+      class(command_line), intent(in) :: self
+      character(*), intent(in) :: option
+
+      has = any(self%is_given .and. names_in(options) == option)
+   end function has
 
    !> Splits --name=value into name and value; else the value is not allocated.
    pure subroutine split_value(word, value)
@@ -199,7 +199,7 @@ contains
                     line%command//' SCENE')
       else if (line%command == 'replay' .and. (line%case_number == 0 .or. line%sample == 0)) then
          call raise(error, exit_bad_input, 'replay needs --case and --sample')
-      else if (line%is_shared .and. line%is_fresh) then
+      else if (line%has('--share') .and. line%has('--fresh')) then
          call raise(error, exit_bad_input, '--fresh discards what others share: start one run '// &
                     'without --share for it')
       end if

@@ -43,7 +43,7 @@ program entroslip
    case ('estimate')
       call estimate(line)
    case ('template')
-      if (line%wants_reference) then
+      if (line%has('--reference')) then
          call say(scene_reference())
       else
          call say(template_text())

@@ -53,16 +53,16 @@ contains
       type(error_type), allocatable, intent(out) :: error
       integer :: n_made
 
-      if (.not. line%is_quiet) call say(findings(found))
+      if (.not. line%has('--quiet')) call say(findings(found))
       if (.not. allocated(line%output)) then
          call say(group_text(line%scene, found))
       else
          n_made = 0
          call make_folder(folder_of(line%output), error, n_made)
-         call tell_folder(line%output, n_made, line%is_quiet)
+         call tell_folder(line%output, n_made, line%has('--quiet'))
          if (.not. allocated(error)) &
             call write_scene(line%output, group_text(line%scene, found), error)
-         if (.not. (allocated(error) .or. line%is_quiet)) &
+         if (.not. (allocated(error) .or. line%has('--quiet'))) &
             call say(how_to_draw(line%scene, line%output, found))
       end if
    end subroutine hand_out

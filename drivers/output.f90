@@ -91,7 +91,7 @@ contains
       output%scene = scene%text
       output%overrides = override_text(line%overrides)
       output%store = new_store(output%path, identity_of(scene, line%command))
-      output%is_quiet = line%is_quiet .or. .not. world%is_root()
+      output%is_quiet = line%has('--quiet') .or. .not. world%is_root()
    end subroutine name_output
 
    !> Takes the lock, and removes what an earlier run left beside the file.
@@ -121,8 +121,8 @@ contains
       call name_output(world, line, scene, '.h5', output)
       call refuse_long_lists(plan, error)
       call world%stop_on(error)
-      output%is_shared = line%is_shared
-      if (world%is_root()) call take_place(line%is_fresh, plan, output, error)
+      output%is_shared = line%has('--share')
+      if (world%is_root()) call take_place(line%has('--fresh'), plan, output, error)
       call output%stop_on(error)
       if (output%is_shared .and. .not. world%is_root()) &
          call take_lock(output%path, output%lock, error, is_shared=.true.)
@@ -274,12 +274,12 @@ contains
       type(stored_samples), intent(out) :: stored
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)
-      real(wp), allocatable :: numbers(:, :)   ! (shard; case, first sample, samples)
+      real(wp), allocatable :: numbers(:, :)   ! (shard; case, first and last sample)
       integer :: i
 
       if (self%world%is_root()) call list_shards(self%store, shards, error)
       if (.not. allocated(shards)) allocate (shards(0))
-      numbers = reshape(real([shards%case_number, shards%first_sample, shards%n_samples], wp), &
+      numbers = reshape(real([shards%case_number, shards%first, shards%last], wp), &
                         [size(shards), 3])
       call self%world%broadcast(numbers)
       shards = [(shard_type(nint(numbers(i, 1)), nint(numbers(i, 2)), nint(numbers(i, 3))), &
@@ -316,9 +316,8 @@ contains
       if (.not. self%is_shared) return
       is_ours = self%lock%claim(number_of(block))
       if (.not. is_ours) return
-      associate (shard => shard_type(block%case_number, block%first, block%last - block%first + 1))
-         is_ours = .not. exists(path_of(self%store, shard))   ! finished before our claim
-      end associate
+      ! finished before our claim?
+      is_ours = .not. exists(path_of(self%store, shard_type(block_range=block)))
       if (.not. is_ours) call self%lock%give_back(number_of(block))
    end function take
 

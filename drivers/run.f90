@@ -114,9 +114,9 @@ contains
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
 
-      if (line%is_shared .and. .not. plan%has_structure) &
+      if (line%has('--share') .and. .not. plan%has_structure) &
          call raise(error, exit_bad_input, '--share: the scene has no samples to be shared')
-      if (line%is_shared .and. plan%accuracy%sample_until_met) &
+      if (line%has('--share') .and. plan%accuracy%sample_until_met) &
          call raise(error, exit_bad_input, '--share: several runs cannot sample until a target '// &
                     'is met: leave out accuracy%sample_until_met')
    end subroutine check_share

@@ -1,7 +1,7 @@
 !> Fingerprint of a scene: hash of the values that change a sample; it names shards and results.
 module config_fingerprint
    use config_groups, only: group_names, scene_type
-   use config_text_lister, only: lister_type
+   use config_text_value_table, only: lister_type
    use core_kinds, only: long
    use core_random, only: label_of
    use core_text, only: to_text

@@ -1,8 +1,7 @@
 !> Text made of the tables: a complete commented scene, and the scene reference.
 module config_template
    use config_groups, only: group_docs, group_names, scene_type
-   use config_text_lister, only: lister_type, row_type
-   use config_text_value_table, only: entry_type
+   use config_text_value_table, only: entry_type, lister_type, row_type
    use core_kinds, only: wp
    implicit none(type, external)
    private

@@ -24,7 +24,7 @@ module core_complaints
       integer :: n = 0                         !! complaints made
       character(:), allocatable :: text        !! all of them, ready to be printed
       type(complaint_type), allocatable, private :: kept(:)
-      integer, private :: n_kept = 0
+      character(:), allocatable, private :: shown   !! the kept ones, each with its line feed
    contains
       procedure :: add
       procedure :: add_general
@@ -65,24 +65,18 @@ contains
       integer :: i
 
       self%n = self%n + 1
-      if (.not. allocated(self%kept)) allocate (self%kept(max_kept))
-      if (self%n_kept < max_kept) then
-         do i = self%n_kept, 1, -1
-            if (complaint%place >= self%kept(i)%place) exit
-            self%kept(i + 1) = self%kept(i)
-         end do
-         self%kept(i + 1) = complaint
-         self%n_kept = self%n_kept + 1
-      else if (self%n > max_kept + 1) then
-         self%text = self%text(:index(self%text, new_line('a'), back=.true.) - 1)
-         self%text = self%text//new_line('a')//'... and '//to_text(self%n - max_kept)//' more'
+      if (.not. allocated(self%kept)) allocate (self%kept(0))
+      if (size(self%kept) == max_kept) then
+         self%text = self%shown//'... and '//to_text(self%n - max_kept)//' more'
          return
       end if
-      self%text = self%kept(1)%text
-      do i = 2, self%n_kept
-         self%text = self%text//new_line('a')//self%kept(i)%text
+      i = count(self%kept%place <= complaint%place)
+      self%kept = [self%kept(:i), complaint, self%kept(i + 1:)]
+      self%shown = ''
+      do i = 1, size(self%kept)
+         self%shown = self%shown//self%kept(i)%text//new_line('a')
       end do
-      if (self%n > max_kept) self%text = self%text//new_line('a')//'... and 1 more'
+      self%text = self%shown(:len(self%shown) - 1)
    end subroutine keep
 
    !> The line, and below it a caret under the column; a long line is cut around the column.

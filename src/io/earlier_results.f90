@@ -113,8 +113,7 @@ contains
             last = min(first + together - 1, n_samples(c))
             if (all(is_there(first:last, c))) cycle
             n = n + 1
-            stored(n) = shard_type(c, first, last - first + 1, &
-                                   case_group(c, size(n_samples)/2), first - 1)
+            stored(n) = shard_type(c, first, last, case_group(c, size(n_samples)/2), first - 1)
          end do
       end do
       stored = stored(:n)

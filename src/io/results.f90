@@ -14,7 +14,7 @@ module io_results
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file, hdf5_object, open_hdf5
    use io_lock, only: lock_type
-   use io_shards, only: read_shard, stored_samples
+   use io_shards, only: read_shard, shard_type, stored_samples
    use io_store, only: discard_file
    use numerics_correlated, only: n_batches
    use numerics_sparse, only: sparse_matrix, sparse_of
@@ -147,18 +147,18 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(output_settings) :: kept
       type(block_result) :: block
-      integer, allocatable :: places(:)
+      type(shard_type), allocatable :: shards(:)
       integer :: i, n_rows, rows
       logical :: is_lean
 
       kept = kept_of(plan, number)
       is_lean = kept%spectrum .and. .not. kept%keeps_spectra(plan%cases(number)%n_samples)
-      places = stored%places(number, 1, plan%cases(number)%n_samples)
+      shards = stored%shards_of(number, 1, plan%cases(number)%n_samples)
       n_rows = 0
       rows = 0
-      do i = 1, size(places)
+      do i = 1, size(shards)
          if (.not. kept%transitions .or. allocated(group%error)) exit
-         call read_shard(stored%store, stored%shards(places(i)), block, group%error)
+         call read_shard(stored%store, shards(i), block, group%error)
          if (allocated(group%error)) exit
          associate (last => min(block%n_samples, &
                                 plan%cases(number)%n_samples - block%first_sample + 1))
@@ -166,10 +166,10 @@ contains
          end associate
       end do
       if (kept%transitions) call group%put_axis('transition', n_rows, 'transition')
-      do i = 1, size(places)
+      do i = 1, size(shards)
          if (is_lean .and. .not. (kept%transitions .or. kept%history)) exit
          if (allocated(group%error)) exit
-         call read_shard(stored%store, stored%shards(places(i)), block, group%error)
+         call read_shard(stored%store, shards(i), block, group%error)
          if (allocated(group%error)) exit
          if (is_lean) then
             if (allocated(block%slip_series)) deallocate (block%slip_series)

@@ -2,6 +2,7 @@
 !> of many samples, large data a part at a time.
 module io_shards
    use campaign_results, only: block_result
+   use campaign_study, only: block_range
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: wp
    use core_text, only: to_text
@@ -21,10 +22,7 @@ module io_shards
    character(*), parameter :: advice = '; remove it to have its samples computed again'
 
    !> One shard, as its name tells it; or some samples of an earlier results file.
-   type :: shard_type
-      integer :: case_number = 0
-      integer :: first_sample = 0
-      integer :: n_samples = 0
+   type, extends(block_range) :: shard_type
       character(32) :: group = ''   !! path of it in a results file; '': a shard
       integer :: before = 0         !! samples in the file before these
    end type shard_type
@@ -34,7 +32,7 @@ module io_shards
       type(shard_store) :: store
       type(shard_type), allocatable :: shards(:)   !! by their cases, then by their samples
    contains
-      procedure :: places
+      procedure :: shards_of
       procedure :: read => read_samples
       procedure :: read_part
       procedure, private :: require_all
@@ -54,8 +52,10 @@ contains
       type(hdf5_file) :: file
       character(:), allocatable :: name
 
-      name = shard_name(shard_type(blocks(1)%case_number, blocks(1)%first_sample, &
-                                   sum(blocks%n_samples)))
+      associate (first => blocks(1)%first_sample)
+         name = shard_name(shard_type(blocks(1)%case_number, first, &
+                                      first + sum(blocks%n_samples) - 1))
+      end associate
       call start_file(store, name, file, error)
       if (allocated(error)) return
       call write_blocks(file, blocks, error)
@@ -88,7 +88,7 @@ contains
          numbers = numbers_in(name)
          if (index(name, unfinished) > 0 .or. name == process_name(numbers(1))) cycle
          n = n + 1
-         shards(n) = shard_type(numbers(1), numbers(2), numbers(3) - numbers(2) + 1)
+         shards(n) = shard_type(numbers(1), numbers(2), numbers(3))
          if (shard_name(shards(n)) == name) cycle
          call raise(error, exit_file, store%folder//'/'//name// &
                     ' is not the name of a shard: only shards may lie in this folder')
@@ -114,8 +114,8 @@ contains
       end if
       if (allocated(error)) return
       block%case_number = shard%case_number
-      block%first_sample = shard%first_sample
-      block%n_samples = shard%n_samples
+      block%first_sample = shard%first
+      block%n_samples = shard%last - shard%first + 1
       call read_block(file, trim(shard%group), block, shard%before, 0, block%n_samples, .false., &
                       error)
       call file%abandon()
@@ -143,7 +143,7 @@ contains
          if (allocated(lost)) return
          last = 0
          if (shards(i)%case_number <= size(n_samples)) last = n_samples(shards(i)%case_number)
-         if (shards(i)%first_sample + shards(i)%n_samples - 1 > last) then
+         if (shards(i)%last > last) then
             is_bare = .false.
          else
             call remove_file(path_of(store, shards(i)), error)
@@ -160,8 +160,8 @@ contains
       character(:), allocatable :: name
       character(64) :: buffer
 
-      write (buffer, '(a, i0.3, a, i0.5, a, i0.5, a)') 'c', shard%case_number, '_s', &
-         shard%first_sample, '-', shard%first_sample + shard%n_samples - 1, '.h5'
+      write (buffer, '(a, i0.3, a, i0.5, a, i0.5, a)') 'c', shard%case_number, '_s', shard%first, &
+         '-', shard%last, '.h5'
       name = trim(buffer)
    end function shard_name
 
@@ -176,8 +176,7 @@ contains
       do i = 1, size(shards)
          associate (shard => shards(i), c => shards(i)%case_number)
             if (c <= size(n_samples)) &
-               is_finished(shard%first_sample:min(shard%first_sample + shard%n_samples - 1, &
-                                                  n_samples(c)), c) = .true.
+               is_finished(shard%first:min(shard%last, n_samples(c)), c) = .true.
          end associate
       end do
    end function finished_samples
@@ -189,23 +188,22 @@ contains
       type(stored_samples), intent(out) :: stored
 
       stored%store = store
-      stored%shards = shards(sort_order(shards%case_number*2.0_wp**31 + shards%first_sample))
+      stored%shards = shards(sort_order(shards%case_number*2.0_wp**31 + shards%first))
    end subroutine order_shards
 
-   !> Places among the shards of those with any of samples first..last of a case.
-   pure function places(self, case_number, first, last)
+   !> The shards with any of samples first..last of a case, by their samples.
+   pure function shards_of(self, case_number, first, last) result(shards)
       class(stored_samples), intent(in) :: self
       integer, intent(in) :: case_number, first, last
-      integer, allocatable :: places(:)
-      integer :: from, i, to
+      type(shard_type), allocatable :: shards(:)
+      integer :: from, to
 
       from = max(findloc(self%shards%case_number, case_number, 1), 1)
       to = findloc(self%shards%case_number, case_number, 1, back=.true.)
-      associate (shards => self%shards(from:to))
-         places = pack([(i, i=from, to)], shards%first_sample <= last .and. &
-                       shards%first_sample + shards%n_samples > first)
+      associate (all => self%shards(from:to))
+         shards = pack(all, all%first <= last .and. all%last >= first)
       end associate
-   end function places
+   end function shards_of
 
    !> Reads samples first..last of a case without slip series, spectra, histories and transitions.
    subroutine read_samples(self, case_number, first, last, block, error)
@@ -214,22 +212,22 @@ contains
       type(block_result), intent(out) :: block
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
-      integer, allocatable :: chosen(:)
-      integer :: before, i, n
+      type(shard_type), allocatable :: shards(:)
+      integer :: i
 
-      call self%require_all(case_number, first, last, chosen, error)
+      call self%require_all(case_number, first, last, shards, error)
       if (allocated(error)) return
       block = unread
       block%case_number = case_number
       block%first_sample = first
       block%n_samples = last - first + 1
-      do i = 1, size(chosen)
-         associate (shard => self%shards(chosen(i)))
-            call find_common(shard, first, last, before, n)
+      do i = 1, size(shards)
+         associate (shard => shards(i), from => max(shards(i)%first, first), &
+                    to => min(shards(i)%last, last))
             call open_hdf5(path_of(self%store, shard), file, error)
             if (allocated(error)) return
-            call read_block(file, trim(shard%group), block, shard%before + before, &
-                            shard%first_sample + before - first, n, .true., error)
+            call read_block(file, trim(shard%group), block, shard%before + from - shard%first, &
+                            from - first, to - from + 1, .true., error)
          end associate
          call file%abandon()
          if (allocated(error)) return
@@ -248,22 +246,21 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
       type(hdf5_group) :: group
-      integer, allocatable :: chosen(:)
-      integer :: before, i, last, n, place
+      type(shard_type), allocatable :: shards(:)
+      integer :: i, last
 
       last = first(3) + size(values, 3) - 1
-      call self%require_all(case_number, first(3), last, chosen, error)
+      call self%require_all(case_number, first(3), last, shards, error)
       if (allocated(error)) return
-      do i = 1, size(chosen)
-         associate (shard => self%shards(chosen(i)))
-            call find_common(shard, first(3), last, before, n)
-            place = shard%first_sample + before - first(3)
+      do i = 1, size(shards)
+         associate (shard => shards(i), from => max(shards(i)%first, first(3)), &
+                    to => min(shards(i)%last, last))
             call open_hdf5(path_of(self%store, shard), file, error)
             if (allocated(error)) return
             group%file = file
             group%path = trim(shard%group)
-            call group%read_part(name, [first(:2), shard%before + before + 1], &
-                                 values(:, :, place + 1:place + n))
+            call group%read_part(name, [first(:2), shard%before + from - shard%first + 1], &
+                                 values(:, :, from - first(3) + 1:to - first(3) + 1))
             call group%take_error(error)
          end associate
          call file%abandon()
@@ -271,32 +268,20 @@ contains
       end do
    end subroutine read_part
 
-   !> Finds the samples of a shard that are among first..last: n of them, after the first `before`.
-   pure subroutine find_common(shard, first, last, before, n)
-      type(shard_type), intent(in) :: shard
-      integer, intent(in) :: first, last
-      integer, intent(out) :: before, n
-
-      before = max(first - shard%first_sample, 0)
-      n = min(shard%n_samples, last - shard%first_sample + 1) - before
-   end subroutine find_common
-
    !> Finds the shards of samples first..last of a case; refuses samples of which one has no shard:
    !> it was removed during the run.
-   subroutine require_all(self, case_number, first, last, chosen, error)
+   subroutine require_all(self, case_number, first, last, shards, error)
       class(stored_samples), intent(in) :: self
       integer, intent(in) :: case_number, first, last
-      integer, allocatable, intent(out) :: chosen(:)   !! as `places` has them
+      type(shard_type), allocatable, intent(out) :: shards(:)
       type(error_type), allocatable, intent(out) :: error
       integer :: i, missing
 
-      chosen = self%places(case_number, first, last)
+      shards = self%shards_of(case_number, first, last)
       missing = first
-      do i = 1, size(chosen)
-         associate (shard => self%shards(chosen(i)))
-            if (shard%first_sample > missing) exit
-            missing = max(missing, shard%first_sample + shard%n_samples)
-         end associate
+      do i = 1, size(shards)
+         if (shards(i)%first > missing) exit
+         missing = max(missing, shards(i)%last + 1)
       end do
       if (missing > last) return
       call raise(error, exit_file, self%store%folder//' lacks sample '//to_text(missing)// &

@@ -1,5 +1,6 @@
 !> Runs the marches of a tradeoff, a task at a time.
 module tradeoff_marches
+   use campaign_comparison, only: ratio_replicates
    use campaign_plan, only: plan_type
    use campaign_results, only: block_result, case_statistics
    use campaign_sample, only: stop_query
@@ -9,8 +10,7 @@ module tradeoff_marches
    use tradeoff_estimators, only: find_gains
    use tradeoff_sample, only: draw_level, level_type, march_level
    use tradeoff_settings, only: setting_type
-   use tradeoff_task_results, only: find_plain, find_published, find_setting_errors, find_variant, &
-      plain_errors
+   use tradeoff_task_results, only: find_plain, find_published, find_setting_errors, plain_errors
    use tradeoff_tasks, only: case_of, choose_march, of_batch, of_samples, of_setting, of_spectrum, &
       of_variant, task_type, tradeoff_type
    use tradeoff_variants, only: remember_alike
@@ -57,7 +57,9 @@ contains
                                   found%gain, error)
             end associate
          case default
-            call find_variant(plan, result, found)
+            found%slip_fraction = result%slip_fraction
+            if (plan%output%spectrum) &
+               found%ratio_without = ratio_replicates(result%psd, plan%output%percentiles)
          end select
       end associate
    end subroutine run_task

@@ -210,30 +210,14 @@ contains
       integer :: i, k, n
 
       n = ubound(force, 1)
-      associate (parts => setting%parts)
-         if (parts == 1) then
-            allocate (stretched(0:n/setting%stride, size(force, 2)))
-            stretched(:, :) = force(::setting%stride, :)
-            return
-         end if
-         allocate (stretched(0:n*parts, size(force, 2)))
-         do k = 1, size(force, 2)
-            do i = 0, n - 1
-               stretched(i*parts:(i + 1)*parts, k) = between(force(i, k), force(i + 1, k), parts)
-            end do
+      associate (parts => setting%parts, stride => setting%stride)
+         allocate (stretched(0:n*parts/stride, size(force, 2)))
+         do i = 0, ubound(stretched, 1)
+            k = i*stride/parts
+            stretched(i, :) = force(k, :) + (force(min(k + 1, n), :) - force(k, :)) &
+                              *(real(modulo(i*stride, parts), wp)/parts)
          end do
       end associate
    end function stretch
-
-   !> Numbers from a first to a last one in equal steps; both ends exact.
-   pure function between(first, last, parts) result(values)
-      real(wp), intent(in) :: first, last
-      integer, intent(in) :: parts
-      real(wp) :: values(0:parts)
-      integer :: i
-
-      values = [(first + (last - first)*(real(i, wp)/parts), i=0, parts)]
-      values(parts) = last
-   end function between
 
 end module tradeoff_sample

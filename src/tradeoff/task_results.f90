@@ -13,7 +13,7 @@ module tradeoff_task_results
    implicit none(type, external)
    private
    public :: task_result
-   public :: find_plain, plain_errors, find_published, find_setting_errors, find_variant
+   public :: find_plain, plain_errors, find_published, find_setting_errors
 
    real(wp), parameter :: points = 100.0_wp   !! of percent in a fraction
 
@@ -175,17 +175,5 @@ contains
       if (sum(integrand%value) > 0.0_wp) &
          relative_error = sum(integrand%high - integrand%low)/(2*1.96_wp*sum(integrand%value))
    end function relative_error
-
-   !> Finds slip fractions of all samples, and, where there are spectra, band ratios of all samples
-   !> and without each.
-   pure subroutine find_variant(plan, result, found)
-      type(plan_type), intent(in) :: plan
-      type(block_result), intent(in) :: result
-      type(task_result), intent(inout) :: found
-
-      found%slip_fraction = result%slip_fraction
-      if (plan%output%spectrum) &
-         found%ratio_without = ratio_replicates(result%psd, plan%output%percentiles)
-   end subroutine find_variant
 
 end module tradeoff_task_results

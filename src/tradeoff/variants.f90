@@ -119,16 +119,53 @@ contains
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)   !! (process), solved
       type(variant_type), allocatable, intent(out) :: variants(:)
-      integer :: i
+      integer, parameter :: usual(*) = [1, 2, 3, 5, 10, 20]
+      integer, parameter :: lengths(*) = [256, 1024, 4096, 16384, 65536]   ! of fits
+      type(process_request) :: request
+      integer :: highest, i, k
 
       allocate (variants(0))
       do i = 1, size(models)
          if (is_reference(plan%processes(i)) .or. .not. any(plan%cases%process == i)) cycle
          if (i /= representative(plan, i)) cycle
-         call add_orders(plan, i, models(i)%order, variants)
-         call add_fits(plan%processes(i), i, models(i)%order, variants)
+         request = plan%processes(i)
+         associate (own => models(i)%order)
+            ! up to ten beyond the scene's, or to twice of it where that is less, but not below ten
+            highest = max(10, min(2*own, own + 10))
+            call add(i, request, .false., &
+                     pack([(k, k=1, highest)], [(any(k == [usual, highest, own]), k=1, highest)]), &
+                     own, variants)
+            ! values are simulated to be matched by positive ones, but for the first order
+            if (.not. request%positive .or. own < 1) cycle
+            if (own == 1 .and. request%method == 'autoregressive') cycle
+            request%order = own
+            call add(i, request, .true., [pack([request%fit_steps], &
+                                               [all(lengths /= request%fit_steps)]), lengths], &
+                     request%fit_steps, variants)
+         end associate
       end do
    end subroutine list_variants
+
+   !> Adds a process with each of some orders, or lengths of its fit, one of them the scene's own.
+   pure subroutine add(process, request, is_of_fit, values, own, variants)
+      integer, intent(in) :: process
+      type(process_request), intent(in) :: request
+      logical, intent(in) :: is_of_fit   !! lengths of the fit, else orders
+      integer, intent(in) :: values(:), own
+      type(variant_type), allocatable, intent(inout) :: variants(:)
+      type(variant_type) :: variant
+      integer :: i
+
+      do i = 1, size(values)
+         variant = variant_type(process, is_of_fit, values(i) == own, request)
+         if (is_of_fit) then
+            variant%request%fit_steps = values(i)
+         else
+            variant%request%order = values(i)
+         end if
+         variants = [variants, variant]
+      end do
+   end subroutine add
 
    !> The process of the same kind with the largest std over mean, the first of equals.
    pure integer function representative(plan, process)
@@ -150,53 +187,6 @@ contains
       drawn_alike = same_kind(a, b) .and. (a%positive .eqv. b%positive)
       if (drawn_alike .and. a%positive) drawn_alike = a%sampler == b%sampler
    end function drawn_alike
-
-   !> Adds up to ten beyond the scene's order, or to twice of it where that is less, but not below
-   !> ten.
-   pure subroutine add_orders(plan, process, own_order, variants)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: process, own_order
-      type(variant_type), allocatable, intent(inout) :: variants(:)
-      integer, parameter :: usual(*) = [1, 2, 3, 5, 10, 20]
-      type(variant_type) :: variant
-      integer :: highest, order
-
-      highest = max(10, min(2*own_order, own_order + 10))
-      variant%process = process
-      variant%request = plan%processes(process)
-      do order = 1, highest
-         variant%is_own = order == own_order
-         if (.not. (any(order == [usual, highest]) .or. variant%is_own)) cycle
-         variant%request%order = order
-         variants = [variants, variant]
-      end do
-   end subroutine add_orders
-
-   !> Adds fits where values are simulated to be matched: positive ones, but for the first order.
-   pure subroutine add_fits(request, process, own_order, variants)
-      type(process_request), intent(in) :: request
-      integer, intent(in) :: process, own_order
-      type(variant_type), allocatable, intent(inout) :: variants(:)
-      integer, parameter :: steps(*) = [256, 1024, 4096, 16384, 65536]
-      type(variant_type) :: variant
-      integer :: i
-
-      if (.not. request%positive .or. own_order < 1) return
-      if (own_order == 1 .and. request%method == 'autoregressive') return
-      variant%process = process
-      variant%is_of_fit = .true.
-      variant%request = request
-      variant%request%order = own_order
-      if (all(steps /= request%fit_steps)) then
-         variant%is_own = .true.
-         variants = [variants, variant]
-      end if
-      do i = 1, size(steps)
-         variant%request%fit_steps = steps(i)
-         variant%is_own = steps(i) == request%fit_steps
-         variants = [variants, variant]
-      end do
-   end subroutine add_fits
 
    !> Lets all one-at-a-time samplers begin as many values before the first that counts: the same
    !> random numbers then make the same points of all.

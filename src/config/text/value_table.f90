@@ -1,4 +1,4 @@
-!> Entries of a group's table, one a value, and the visitors of such a table.
+!> Entries of a group's table, one a value, and the visitors of such a table; one of them lists it.
 !>
 !> Reading with defaults, checking, the template, the scene reference and the fingerprint all walk
 !> the same tables: each group lists its entries once, in its procedure `visit`.
@@ -7,7 +7,7 @@ module config_text_value_table
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: entry_type, rule_type, visitor_type, word_type
+   public :: entry_type, lister_type, row_type, rule_type, visitor_type, word_type
    public :: between, choices_of, inside, not_negative, positive
    public :: choice_length, name_length
 
@@ -71,6 +71,19 @@ module config_text_value_table
          type(entry_type), intent(in) :: entry
       end subroutine visit_words
    end interface
+
+   !> An entry, with its value as a scene would give it.
+   type :: row_type
+      type(entry_type) :: entry
+      character(:), allocatable :: value     !! empty: none
+   end type row_type
+
+   !> Collects the rows of the tables that it visits; lists that nobody set get their defaults.
+   type, extends(visitor_type) :: lister_type
+      type(row_type), allocatable :: rows(:)
+   contains
+      procedure :: visit_words => list_words
+   end type lister_type
 
 contains
 
@@ -204,6 +217,46 @@ contains
 
       read (word%text, *) number
    end function number_in
+
+   !> Lists the values; equal values, where one stands for all dofs, as one.
+   subroutine list_words(self, words, entry)
+      class(lister_type), intent(inout) :: self
+      type(word_type), allocatable, intent(inout) :: words(:)
+      type(entry_type), intent(in) :: entry
+      type(row_type) :: row
+      integer :: i, n
+
+      n = size(words)
+      if (entry%per_dof >= 0) then
+         if (all([(words(i)%text == words(1)%text, i=2, n)])) n = min(n, 1)
+      end if
+      row%entry = entry
+      row%value = ''
+      do i = 1, n
+         if (i > 1) row%value = row%value//', '
+         if (entry%kind == 'text') then
+            row%value = row%value//quoted(words(i)%text)
+         else
+            row%value = row%value//words(i)%text
+         end if
+      end do
+      if (.not. allocated(self%rows)) allocate (self%rows(0))
+      self%rows = [self%rows, row]
+   end subroutine list_words
+
+   !> Text in quotes, those within doubled.
+   pure function quoted(text)
+      character(*), intent(in) :: text
+      character(:), allocatable :: quoted
+      integer :: i
+
+      quoted = "'"
+      do i = 1, len(text)
+         quoted = quoted//text(i:i)
+         if (text(i:i) == "'") quoted = quoted//"'"
+      end do
+      quoted = quoted//"'"
+   end function quoted
 
    !> The texts to choose from.
    pure function choices_of(text) result(choices)
