@@ -2,12 +2,10 @@
 module config_scene
    use config_groups, only: group_names, scene_type
    use config_rules, only: check_rules
-   use config_text_document, only: document_type
-   use config_text_namelist, only: override_text, parse_groups, parse_overrides
+   use config_text_namelist, only: override_text
    use config_text_reader, only: reader_type
-   use config_text_tokens, only: tokenize
    use core_complaints, only: complaint_list
-   use core_source, only: byte_order_mark, new_source, read_source, source_type
+   use core_source, only: read_source, source_type
    use core_text, only: nearest_name, to_text
    use structure_model, only: most_dofs
    implicit none(type, external)
@@ -45,7 +43,7 @@ contains
 
       scene%path = source%name
       scene%text = with_options(source%text, overrides)
-      call parse_document(source, overrides, reader)
+      call reader%parse(source, overrides)
       call check_groups(reader, scene%has_unknown_group)
       call read_groups(reader, scene)
       call check_rules(scene, reader)
@@ -68,34 +66,18 @@ contains
       end do
    end function with_options
 
-   subroutine parse_document(source, overrides, document)
-      type(source_type), intent(in) :: source
-      character(*), intent(in) :: overrides(:)
-      class(document_type), intent(inout) :: document
-      integer :: first
-
-      document%source(1) = source
-      document%source(2) = new_source('--set', override_text(overrides))
-      allocate (document%blocks(0), document%assignments(0))
-      first = 1
-      if (index(source%text, byte_order_mark) == 1) first = len(byte_order_mark) + 1
-      call tokenize(source, 1, 1, first, len(source%text), document%tokens)
-      call parse_groups(document)
-      call parse_overrides(document)
-   end subroutine parse_document
-
    !> Complains of groups that are unknown, and of those that are there twice.
-   subroutine check_groups(document, has_unknown)
-      class(document_type), intent(inout) :: document
+   subroutine check_groups(reader, has_unknown)
+      type(reader_type), intent(inout) :: reader
       logical, intent(out) :: has_unknown   !! a group that may be meant for another
       character(:), allocatable :: rule
       character(len(group_names)) :: nearest
       integer :: i, first
 
       has_unknown = .false.
-      do i = 1, size(document%blocks)
-         associate (block => document%blocks(i))
-            first = document%find_block(block%name)
+      do i = 1, size(reader%blocks)
+         associate (block => reader%blocks(i))
+            first = reader%find_block(block%name)
             if (all(group_names /= block%name)) then
                has_unknown = .true.
                rule = 'unknown group'
@@ -103,11 +85,11 @@ contains
                if (nearest /= '') rule = rule//', did you mean &'//trim(nearest)//'?'
             else if (first < i .and. block%name /= 'process') then
                rule = 'the group is there twice, first on line '// &
-                      to_text(document%blocks(first)%place%line)
+                      to_text(reader%blocks(first)%place%line)
             else
                cycle
             end if
-            call document%complain(block%place, '&'//trim(block%name), rule)
+            call reader%complain(block%place, rule, '&'//trim(block%name))
          end associate
       end do
    end subroutine check_groups

@@ -7,7 +7,8 @@ module core_table
    use core_text, only: parse_real, to_text
    implicit none(type, external)
    private
-   public :: data_line, next_word, parse_row, parse_rows, read_table, separate_commas, table_type
+   public :: data_line, next_word, parse_row, parse_rows, read_table, separate_commas, table_type, &
+             words_of
 
    character(*), parameter :: white = ' '//achar(9)//achar(13)
    character(*), parameter :: blanks = white//';'
@@ -184,6 +185,21 @@ contains
          last = last + 1
       end do
    end subroutine next_word
+
+   !> The words of a text, padded with blanks.
+   pure function words_of(text) result(words)
+      character(*), intent(in) :: text
+      character(:), allocatable :: words(:)
+      integer :: first, last
+
+      words = [character(1) ::]
+      last = 0
+      do
+         call next_word(text, first, last)
+         if (first > last) return
+         words = [character(max(len(words), last - first + 1)) :: words, text(first:last)]
+      end do
+   end function words_of
 
    !> The allowed number of values: 'one value', '5 or 6 values', '2 to 4 values'.
    pure function number_of_values(fewest, most) result(text)

@@ -7,7 +7,7 @@
 module io_contents
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
-   use core_table, only: next_word
+   use core_table, only: words_of
    use core_text, only: to_text
    use io_hdf5, only: hdf5_file, hdf5_group
    implicit none(type, external)
@@ -32,21 +32,20 @@ contains
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path   !! of the group
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: members
+      character(:), allocatable :: members, words(:)
       type(hdf5_group) :: group
-      integer :: first, last
+      integer :: i
 
       group = hdf5_group(file, path)
       group%seals_texts = .true.
       call list_members(group, members)
       call group%attribute(list, members)
       call group%take_error(error)
-      last = 0
-      do while (.not. allocated(error))
-         call next_word(members, first, last)
-         if (first > last) exit
-         if (members(last:last) == '/') &
-            call note_contents(file, group%at(members(first:last - 1)), error)
+      words = words_of(members)
+      do i = 1, size(words)
+         if (allocated(error)) return
+         if (index(words(i), '/') > 0) &
+            call note_contents(file, group%at(words(i) (:index(words(i), '/') - 1)), error)
       end do
    end subroutine note_contents
 
@@ -69,20 +68,18 @@ contains
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path   !! of the group
       type(fault_list), intent(inout) :: faults
-      character(:), allocatable :: members, name, noted, word
+      character(:), allocatable :: members, name, noted, word, words(:)
       type(hdf5_group) :: group
-      integer :: first, last
+      integer :: i
 
       group = hdf5_group(file, path)
       call group%read(list, noted)
       call list_members(group, members)
       if (allocated(group%error)) noted = ''
       call add_error()
-      last = 0
-      do
-         call next_word(noted, first, last)
-         if (first > last) exit
-         word = noted(first:last)
+      words = words_of(noted)
+      do i = 1, size(words)
+         word = trim(words(i))
          name = word(:scan(word//'/', '/(') - 1)
          if (index(' '//members//' ', ' '//word//' ') == 0) then
             if (any([index(' '//members, ' '//name//'/'), index(' '//members, ' '//name//'(')] &

@@ -1,22 +1,100 @@
-!> The namelist form: groups of `name = values`, and the --set options, `group%name=value`.
+!> A scene as it is written, in the namelist form: groups of `name = values`, and the --set options,
+!> `group%name=value`. Each name and value has its place, and complaints say it.
 !>
 !> The language's own namelist read stops at the first mistake and cannot say where it is; this one
-!> keeps the place of every name and value, and goes on behind a mistake.
+!> goes on behind it. Who fills the tables of groups from a document extends it: config_text_reader.
 module config_text_namelist
-   use config_text_document, only: assignment_type, document_type
-   use config_text_tokens, only: token_end, token_group, token_index, token_name, token_type, &
-                                 token_word, tokenize
+   use config_text_tokens, only: token_comma, token_end, token_group, token_index, token_name, &
+                                 token_open_quote, token_type, token_word, tokenize
+   use config_text_value_table, only: visitor_type
+   use core_complaints, only: complaint_list, printable
    use core_kinds, only: long
+   use core_source, only: byte_order_mark, new_source, source_type
    use core_text, only: lowered, parse_integer
    implicit none(type, external)
    private
-   public :: override_text, parse_groups, parse_overrides
+   public :: assignment_type, document_type, override_text
 
    integer, parameter :: max_blocks = 100   !! groups in one scene
+   integer, parameter :: shown = 40   !! characters of a long value that a complaint repeats, twice
+   character(*), parameter :: digits = '0123456789'
+
+   !> One `&group ... /`.
+   type :: block_type
+      character(32) :: name = ''          !! lower case; a longer one is cut, and no group of ours
+      type(token_type) :: place           !! place of its &name
+      logical :: has_unknown = .false.    !! complained of a name in it
+   end type block_type
+
+   !> `name = values`, `name(lower:upper) = values`.
+   type :: assignment_type
+      integer :: block = 0
+      character(32) :: name = ''          !! lower case; a longer one is cut, and no name of ours
+      type(token_type) :: place           !! of the name, with its index
+      integer :: lower = 0, upper = 0     !! 0: the whole list
+      integer :: first_value = 1, last_value = 0   !! into document%tokens
+      logical :: is_known = .false.       !! an entry of its group has its name
+      logical :: is_refused = .false.     !! complained of
+   end type assignment_type
+
+   !> The file and the options, cut into tokens, groups and assignments.
+   type, abstract, extends(visitor_type) :: document_type
+      type(source_type) :: source(2)      !! the scene file; the --set options, one a line
+      type(token_type), allocatable :: tokens(:)
+      type(block_type), allocatable :: blocks(:)             !! in the order of the file
+      type(assignment_type), allocatable :: assignments(:)   !! valid to n_assignments
+      integer :: n_assignments = 0
+      type(complaint_list) :: complaints
+   contains
+      procedure :: parse
+      procedure :: find_block
+      procedure :: text_of
+      procedure :: rule_on
+      procedure :: comma_hint
+      procedure :: complain
+      procedure :: refuse
+      procedure :: refuse_assignment
+      procedure, private :: has_comma_inside, open_block, values_text
+   end type document_type
 
 contains
 
-   !> Parses the tokens of the scene file; what is not understood is complained of and left out.
+   !> Parses the text of a scene, then the options, whose assignments come behind the file's and
+   !> take their place. What is not understood is complained of and left out.
+   subroutine parse(self, source, overrides)
+      class(document_type), intent(inout) :: self
+      type(source_type), intent(in) :: source
+      character(*), intent(in) :: overrides(:)   !! `group%name=value`, as --set has them
+      integer :: first, line
+
+      self%source(1) = source
+      self%source(2) = new_source('--set', override_text(overrides))
+      allocate (self%blocks(0), self%assignments(0))
+      first = 1
+      if (index(source%text, byte_order_mark) == 1) first = len(byte_order_mark) + 1
+      call tokenize(source, 1, 1, first, len(source%text), self%tokens)
+      call parse_groups(self)
+      do line = 1, size(overrides)
+         if (self%source(2)%line(line) /= '') call parse_override(self, line)
+      end do
+   end subroutine parse
+
+   !> The options as a text, one a line.
+   pure function override_text(overrides) result(text)
+      character(*), intent(in) :: overrides(:)
+      character(:), allocatable :: text
+      integer :: i, j
+
+      text = ''
+      do i = 1, size(overrides)
+         do j = 1, len_trim(overrides(i))
+            text = text//merge(' ', overrides(i) (j:j), overrides(i) (j:j) == new_line('a'))
+         end do
+         text = text//new_line('a')
+      end do
+   end function override_text
+
+   !> Parses the tokens of the scene file.
    subroutine parse_groups(document)
       class(document_type), intent(inout) :: document
       type(token_type) :: token
@@ -31,8 +109,7 @@ contains
          if (token%kind == token_group) then
             if (is_open) call complain_unclosed(document)
             if (size(document%blocks) == max_blocks) then
-               call document%complain(token, document%text_of(token), &
-                                      'more groups than a scene can have')
+               call document%complain(token, 'more groups than a scene can have')
                return
             end if
             call document%open_block(token)
@@ -45,8 +122,7 @@ contains
          else if (token%kind == token_name) then
             call parse_assignment(document, size(document%blocks), i)
          else
-            call document%complain(token, document%text_of(token), &
-                                   document%rule_on(token, 'expected name = value'))
+            call document%complain(token, document%rule_on(token, 'expected name = value'))
             i = end_of_values(document%tokens, i)
          end if
          i = i + 1
@@ -58,8 +134,8 @@ contains
       class(document_type), intent(inout) :: document
 
       associate (block => document%blocks(size(document%blocks)))
-         call document%complain(block%place, '&'//trim(block%name), &
-                                'the group is not closed by /')
+         call document%complain(block%place, 'the group is not closed by /', &
+                                '&'//trim(block%name))
       end associate
    end subroutine complain_unclosed
 
@@ -74,7 +150,7 @@ contains
          rule = document%rule_on(token, 'stands outside of every group')
          if (before%kind == token_end .and. before%last == token%first - 1) &
             rule = rule//' (the / before it ends one; text with a / needs quotes)'
-         call document%complain(token, document%text_of(token), rule)
+         call document%complain(token, rule)
       end associate
    end subroutine complain_outside
 
@@ -95,15 +171,22 @@ contains
          if (token%kind == token_index) then
             i = i + 1
             call parse_index(document%text_of(token), given%lower, given%upper, is_valid)
-            if (.not. is_valid) call document%complain(token, document%text_of(given%place), &
-                                                'an index is (i) or (i:j), counted from 1')
+            if (.not. is_valid) &
+               call document%complain(token, 'an index is (i) or (i:j), counted from 1', &
+                                      document%text_of(given%place))
             given%place%last = token%last
          end if
       end associate
       given%first_value = i + 1
       i = end_of_values(document%tokens, i)
       given%last_value = i
-      if (is_valid) call document%append(given)
+      if (.not. is_valid) return
+      associate (n => document%n_assignments)
+         if (n == size(document%assignments)) &
+            document%assignments = [document%assignments, document%assignments, given]
+         n = n + 1
+         document%assignments(n) = given
+      end associate
    end subroutine parse_assignment
 
    !> Parses (i) or (i:j), whole numbers from 1 to 9999.
@@ -145,31 +228,6 @@ contains
       end do
    end function end_of_values
 
-   !> The options as a text, one a line.
-   pure function override_text(overrides) result(text)
-      character(*), intent(in) :: overrides(:)
-      character(:), allocatable :: text
-      integer :: i, j
-
-      text = ''
-      do i = 1, size(overrides)
-         do j = 1, len_trim(overrides(i))
-            text = text//merge(' ', overrides(i) (j:j), overrides(i) (j:j) == new_line('a'))
-         end do
-         text = text//new_line('a')
-      end do
-   end function override_text
-
-   !> Adds the options' assignments behind the file's, where they take their place.
-   subroutine parse_overrides(document)
-      class(document_type), intent(inout) :: document
-      integer :: line
-
-      do line = 1, document%source(2)%n_lines()
-         if (document%source(2)%line(line) /= '') call parse_override(document, line)
-      end do
-   end subroutine parse_overrides
-
    !> Parses `group%name = values`, or `group(number)%name = values` where there are several
    !> groups.
    subroutine parse_override(document, line)
@@ -198,8 +256,7 @@ contains
       if (is_valid) then
          call apply_override(document, head(1), number, tokens)
       else
-         call document%complain(place, text, &
-                                'must be group%name=value, such as campaign%n_samples=20')
+         call document%complain(place, 'must be group%name=value, such as campaign%n_samples=20')
       end if
    end subroutine parse_override
 
@@ -227,13 +284,164 @@ contains
          call parse_assignment(document, block, last)
       end do
       if (number > n_found) then
-         call document%complain(group, document%source(2)%line(group%line), &
-                                'the scene has no group of that number')
+         call document%complain(group, 'the scene has no group of that number', &
+                                document%source(2)%line(group%line))
       else if (last < size(document%tokens)) then
-         associate (next => document%tokens(last + 1))
-            call document%complain(next, document%text_of(next), 'an option sets one value')
-         end associate
+         call document%complain(document%tokens(last + 1), 'an option sets one value')
       end if
    end subroutine apply_override
+
+   !> Opens a group at its name.
+   subroutine open_block(self, place)
+      class(document_type), intent(inout) :: self
+      type(token_type), intent(in) :: place
+      type(block_type) :: block
+      character(:), allocatable :: name
+
+      name = self%text_of(place)
+      if (place%kind == token_group) name = name(2:)
+      block%name = lowered(name)
+      block%place = place
+      self%blocks = [self%blocks, block]
+   end subroutine open_block
+
+   !> The first block of a name, or the number-th; 0: there is none.
+   pure integer function find_block(self, name, number) result(block)
+      class(document_type), intent(in) :: self
+      character(*), intent(in) :: name
+      integer, intent(in), optional :: number
+      integer :: i
+
+      block = 0
+      associate (places => pack([(i, i=1, size(self%blocks))], self%blocks%name == name))
+         i = 1
+         if (present(number)) i = number
+         if (i <= size(places)) block = places(i)
+      end associate
+   end function find_block
+
+   !> The token as written.
+   pure function text_of(self, token) result(text)
+      class(document_type), intent(in) :: self
+      type(token_type), intent(in) :: token
+      character(:), allocatable :: text
+
+      text = self%source(token%source)%text(token%first:token%last)
+   end function text_of
+
+   !> The values as written; of several lines only the first.
+   pure function values_text(self, given) result(text)
+      class(document_type), intent(in) :: self
+      type(assignment_type), intent(in) :: given
+      character(:), allocatable :: text
+      integer :: last
+
+      text = ''
+      if (given%last_value < given%first_value) return
+      associate (first => self%tokens(given%first_value))
+         last = given%last_value
+         do while (self%tokens(last)%line > first%line)
+            last = last - 1
+         end do
+         text = self%source(first%source)%text(first%start:self%tokens(last)%last)
+      end associate
+   end function values_text
+
+   !> Rule that a token breaks where it is not expected: where a # stands, a person used to other
+   !> languages meant a comment.
+   pure function rule_on(self, token, otherwise) result(rule)
+      class(document_type), intent(in) :: self
+      type(token_type), intent(in) :: token
+      character(*), intent(in) :: otherwise
+      character(:), allocatable :: rule
+
+      rule = otherwise
+      if (token%kind == token_open_quote) rule = 'the quote is not closed on its line'
+      if (index(self%text_of(token), '#') == 1) rule = 'a comment begins with !'
+   end function rule_on
+
+   !> Hint where a value may be half of 0,2; else empty.
+   pure function comma_hint(self, slot) result(hint)
+      class(document_type), intent(in) :: self
+      integer, intent(in) :: slot   !! into self%tokens
+      character(:), allocatable :: hint
+
+      hint = ''
+      if (self%has_comma_inside(slot) .or. self%has_comma_inside(slot - 2)) &
+         hint = ' (commas separate values: decimals follow a point)'
+   end function comma_hint
+
+   !> True if token i and those behind it read digits, comma, digit, without a blank.
+   pure logical function has_comma_inside(self, i)
+      class(document_type), intent(in) :: self
+      integer, intent(in) :: i   !! into self%tokens, or beyond
+
+      has_comma_inside = .false.
+      if (i < 1 .or. i + 2 > size(self%tokens)) return
+      associate (left => self%tokens(i), comma => self%tokens(i + 1), right => self%tokens(i + 2))
+         if (comma%kind /= token_comma .or. left%last + 1 /= comma%first .or. &
+             comma%last + 1 /= right%first) return
+         has_comma_inside = verify(self%text_of(left), digits) == 0 .and. &
+                            scan(self%text_of(right), digits) == 1
+      end associate
+   end function has_comma_inside
+
+   !> Adds a complaint at a token, `file:line: what: rule`.
+   subroutine complain(self, token, rule, what)
+      class(document_type), intent(inout) :: self
+      type(token_type), intent(in) :: token
+      character(*), intent(in) :: rule
+      character(*), intent(in), optional :: what   !! absent: the token
+      character(:), allocatable :: text
+
+      text = self%text_of(token)
+      if (present(what)) text = what
+      if (len(text) > 2*shown) text = text(:shown)//'...'//text(len(text) - shown + 4:)
+      associate (source => self%source(token%source))
+         call self%complaints%add(source, token%line, &
+                                  token%first - source%line_start(token%line) + 1, &
+                                  printable(text)//': '//rule//blank_hint(self%text_of(token)))
+      end associate
+   end subroutine complain
+
+   !> Hint for a word with a blank of another kind, which looks like the plain one; empty for a
+   !> text in quotes.
+   pure function blank_hint(word) result(hint)
+      character(*), intent(in) :: word
+      character(:), allocatable :: hint
+      character(*), parameter :: utf8 = char(194)//char(160), latin1 = char(160)
+
+      hint = ''
+      if (scan(word, '''"') == 1) return
+      if (index(word, utf8) > 0 .or. index(word, latin1) == 1) &
+         hint = ' (it holds a non-breaking space, U+00A0: type a plain blank)'
+   end function blank_hint
+
+   !> Adds a complaint at a value, `file:line: group%name = value: rule`.
+   subroutine refuse(self, block, token, name, value, rule)
+      class(document_type), intent(inout) :: self
+      integer, intent(in) :: block
+      type(token_type), intent(in) :: token
+      character(*), intent(in) :: name, value, rule
+      character(:), allocatable :: what
+
+      what = trim(self%blocks(block)%name)//'%'//name
+      if (len_trim(value) > 0) what = what//' = '//value
+      call self%complain(token, rule, what)
+   end subroutine refuse
+
+   !> Adds a complaint at the name of the i-th assignment with all its values, if a rule is broken.
+   subroutine refuse_assignment(self, i, rule)
+      class(document_type), intent(inout) :: self
+      integer, intent(in) :: i
+      character(*), intent(in), optional :: rule
+
+      if (.not. present(rule)) return
+      associate (given => self%assignments(i))
+         given%is_refused = .true.
+         call self%refuse(given%block, given%place, self%text_of(given%place), &
+                          self%values_text(given), rule)
+      end associate
+   end subroutine refuse_assignment
 
 end module config_text_namelist

@@ -2,16 +2,17 @@
 !> should not. Nothing is guessed: what is not exactly a value of the wanted type is refused, with
 !> the rule that it breaks.
 module config_text_reader
-   use config_text_document, only: document_type
-   use config_text_slots, only: find_slots
-   use config_text_tokens, only: token_word
-   use config_text_value_table, only: choice_length, choices_of, entry_type, name_length, &
-      word_type
+   use config_text_namelist, only: assignment_type, document_type
+   use config_text_tokens, only: token_comma, token_quoted, token_type, token_word
+   use config_text_value_table, only: choice_length, entry_type, name_length, word_type
    use core_kinds, only: long, wp
+   use core_table, only: words_of
    use core_text, only: lowered, nearest_name, parse_integer, parse_real, suggestion, to_text
    implicit none(type, external)
    private
    public :: reader_type
+
+   integer, parameter :: max_length = 1000   !! values of a list
 
    !> Visits the groups of a scene and fills them from its document.
    type, extends(document_type) :: reader_type
@@ -27,7 +28,6 @@ module config_text_reader
       procedure :: longest_list
       procedure :: require
       procedure :: visit_words
-      procedure, private :: refuse_group
    end type reader_type
 
 contains
@@ -57,7 +57,11 @@ contains
                                      suggestion(trim(self%assignments(i)%name), self%known))
       end do
       do i = 1, size(self%missing)
-         call self%refuse_group(self%block, trim(self%missing(i)), '', 'must be given')
+         associate (block => self%blocks(self%block))
+            if (.not. block%has_unknown) call self%refuse(self%block, block%place, &
+                                                          trim(self%missing(i)), '', &
+                                                          'must be given')
+         end associate
       end do
    end subroutine end_group
 
@@ -68,7 +72,9 @@ contains
       character(*), intent(in) :: name
 
       do i = self%n_assignments, 1, -1
-         if (self%is_for(i, block, name)) return
+         associate (given => self%assignments(i))
+            if (given%block == block .and. given%name == name) return
+         end associate
       end do
    end function last_given
 
@@ -118,7 +124,8 @@ contains
       if (i > 0) then
          if (.not. self%assignments(i)%is_refused) call self%refuse_assignment(i, rule)
       else if (block > 0) then
-         call self%refuse_group(block, name, value, rule)
+         if (.not. self%blocks(block)%has_unknown) &
+            call self%refuse(block, self%blocks(block)%place, name, value, rule)
       else
          call self%complaints%add_general(self%source(1)%name//': '//group//'%'//name//': '//rule)
       end if
@@ -138,7 +145,7 @@ contains
       integer :: given, i, j   ! assignment, the last of its name
 
       self%known = [self%known, entry%name]
-      call find_slots(self, self%block, entry, size(words), slots, given)
+      call find_slots(self, entry, size(words), slots, given)
       if (self%block > 0) then
          full_name = trim(self%blocks(self%block)%name)//'%'//entry%name
          if (given == 0 .and. entry%is_required) self%missing = [self%missing, entry%name]
@@ -172,6 +179,140 @@ contains
       if (entry%is_list .or. given == 0) return
       if (self%assignments(given)%is_refused) words = [none]
    end subroutine visit_words
+
+   !> Finds the token of each value of an entry; 0: its default. Empty after a complaint.
+   subroutine find_slots(self, entry, default_size, slots, last)
+      class(reader_type), intent(inout) :: self
+      type(entry_type), intent(in) :: entry
+      integer, intent(in) :: default_size   !! 0: there is no default
+      integer, allocatable, intent(out) :: slots(:)
+      integer, intent(out) :: last   !! assignment to it; 0: there is none
+      character(:), allocatable :: hint, rule
+      integer, allocatable :: values(:)
+      type(assignment_type) :: given
+      integer :: i, first_line, n_before
+
+      n_before = self%complaints%n
+      slots = spread(0, 1, default_size)
+      last = 0
+      do i = 1, self%n_assignments
+         given = self%assignments(i)
+         if (given%block /= self%block .or. given%name /= entry%name) cycle
+         self%assignments(i)%is_known = .true.
+         call expand_values(self, given, values)
+         if (last == 0) first_line = given%place%line
+         if (last > 0 .and. given%lower == 0 .and. given%place%source == 1) then
+            rule = 'is given twice, first on line '//to_text(first_line)
+         else
+            call place_values(given, entry, values, slots, rule)
+         end if
+         call self%refuse_assignment(i, rule)
+         last = i
+      end do
+      if (last == 0) return
+      if (self%complaints%n == n_before) then
+         call check_length(entry, default_size, slots, rule)
+         if (allocated(rule)) then
+            hint = ''
+            do i = size(slots), 1, -1
+               if (slots(i) > 0) hint = self%comma_hint(slots(i))
+               if (hint /= '') exit
+            end do
+            call self%refuse_assignment(last, rule//hint)
+         end if
+      end if
+      self%assignments(last)%is_refused = self%complaints%n > n_before
+      if (self%complaints%n > n_before) slots = spread(0, 1, 0)
+   end subroutine find_slots
+
+   !> Lists the value tokens of an assignment with repeats written out; empty after a complaint.
+   subroutine expand_values(self, given, values)
+      class(reader_type), intent(inout) :: self
+      type(assignment_type), intent(in) :: given
+      integer, allocatable, intent(out) :: values(:)
+      type(token_type) :: token
+      character(:), allocatable :: rule
+      integer :: found(max_length), i, n
+      logical :: wants_value
+
+      n = 0
+      wants_value = .true.
+      do i = given%first_value, given%last_value
+         token = self%tokens(i)
+         if (token%kind == token_comma) then
+            if (wants_value) rule = 'a value is missing before the comma'
+            wants_value = .true.
+         else if (all(token%kind /= [token_word, token_quoted]) .or. &
+                  index(self%text_of(token), '#') == 1) then
+            rule = self%rule_on(token, 'is not expected among values')
+         else if (token%first > token%last) then
+            rule = 'a value is missing behind the *'
+         else if (token%repeat < 1) then
+            rule = 'a value cannot be repeated 0 times'
+         else if (n + token%repeat > max_length) then
+            rule = 'a list has at most '//to_text(max_length)//' values'
+         else
+            wants_value = .false.
+            found(n + 1:n + token%repeat) = i
+            n = n + token%repeat
+         end if
+         if (allocated(rule)) then
+            call self%refuse(given%block, token, self%text_of(given%place), self%text_of(token), &
+                             rule)
+            values = found(:0)
+            return
+         end if
+      end do
+      if (n == 0) call self%refuse(given%block, given%place, self%text_of(given%place), '', &
+                                   'a value is missing')
+      values = found(:n)
+   end subroutine expand_values
+
+   !> Puts the values of one assignment where they belong.
+   pure subroutine place_values(given, entry, values, slots, rule)
+      type(assignment_type), intent(in) :: given
+      type(entry_type), intent(in) :: entry
+      integer, intent(in) :: values(:)
+      integer, allocatable, intent(inout) :: slots(:)
+      character(:), allocatable, intent(out) :: rule
+      integer :: n, fill
+
+      if (size(values) == 0) return   ! it was refused
+      if (given%lower == 0) then
+         slots = values
+         return
+      end if
+      n = given%upper - given%lower + 1
+      if (given%upper > max_length) then
+         rule = 'a list has at most '//to_text(max_length)//' values'
+      else if (size(values) /= n) then
+         rule = 'the index asks for '//to_text(n)//merge(' value ', ' values', n == 1)
+      else
+         n = max(size(slots), given%upper, entry%per_dof)
+         fill = 0
+         if (entry%per_dof > 0 .and. size(slots) == 1) fill = slots(1)
+         slots = [slots, spread(fill, 1, n - size(slots))]
+         slots(given%lower:given%upper) = values
+      end if
+   end subroutine place_values
+
+   pure subroutine check_length(entry, default_size, slots, rule)
+      type(entry_type), intent(in) :: entry
+      integer, intent(in) :: default_size
+      integer, intent(in) :: slots(:)
+      character(:), allocatable, intent(out) :: rule
+
+      if (entry%per_dof > 0 .and. all(size(slots) /= [1, entry%per_dof])) then
+         rule = 'must be one value, or one for each of the '//to_text(entry%per_dof)//' dofs'
+      else if (entry%length == 1 .and. size(slots) /= 1) then
+         rule = 'must be one value'
+      else if (entry%length > 0 .and. size(slots) /= entry%length) then
+         rule = 'must be '//to_text(entry%length)//' values'
+      else if ((entry%per_dof < 0 .or. default_size == 0) .and. &
+               any(slots(min(default_size, size(slots)) + 1:) == 0)) then
+         rule = 'every value of the list must be given'
+      end if
+   end subroutine check_length
 
    !> Converts a token to a word that its entry admits; else `rule` says why not.
    pure subroutine convert(self, slot, entry, word, rule)
@@ -237,7 +378,7 @@ contains
       character(:), allocatable :: nearest
       integer :: i
 
-      choices = choices_of(entry%choices)
+      choices = [character(choice_length) :: words_of(entry%choices)]
       do i = 1, size(choices)
          if (lowered(word) /= lowered(trim(choices(i)))) cycle
          word = trim(choices(i))
@@ -247,16 +388,5 @@ contains
       nearest = nearest_name(lowered(word), choices)
       if (nearest /= '') rule = rule//", did you mean '"//trim(nearest)//"'?"
    end subroutine choose
-
-   !> Complains of a name that a group does not give, unless it gives an unknown one, which may be
-   !> meant.
-   subroutine refuse_group(self, block, name, value, rule)
-      class(reader_type), intent(inout) :: self
-      integer, intent(in) :: block
-      character(*), intent(in) :: name, value, rule   !! value: of the default
-
-      if (.not. self%blocks(block)%has_unknown) &
-         call self%refuse(block, self%blocks(block)%place, name, value, rule)
-   end subroutine refuse_group
 
 end module config_text_reader

@@ -4,11 +4,12 @@
 !> the same tables: each group lists its entries once, in its procedure `visit`.
 module config_text_value_table
    use core_kinds, only: long, wp
+   use core_table, only: words_of
    use core_text, only: to_text
    implicit none(type, external)
    private
    public :: entry_type, lister_type, row_type, rule_type, visitor_type, word_type
-   public :: between, choices_of, inside, not_negative, positive
+   public :: between, inside, not_negative, positive
    public :: choice_length, name_length
 
    integer, parameter :: name_length = 24, choice_length = 16, doc_length = 132
@@ -258,29 +259,14 @@ contains
       quoted = quoted//"'"
    end function quoted
 
-   !> The texts to choose from.
-   pure function choices_of(text) result(choices)
-      character(*), intent(in) :: text   !! with blanks between
-      character(choice_length), allocatable :: choices(:)
-      integer :: first, last
-
-      choices = [character(choice_length) ::]
-      first = 1
-      do while (first <= len_trim(text))
-         last = index(text(first:)//' ', ' ') + first - 2
-         choices = [character(choice_length) :: choices, text(first:last)]
-         first = last + 2
-      end do
-   end function choices_of
-
    !> 'one', 'another' or 'a third'.
    pure function choices_text(self) result(text)
       class(entry_type), intent(in) :: self
       character(:), allocatable :: text
-      character(choice_length), allocatable :: choices(:)
+      character(:), allocatable :: choices(:)
       integer :: i
 
-      choices = choices_of(self%choices)
+      choices = words_of(self%choices)
       text = ''
       do i = 1, size(choices)
          if (i > 1 .and. i < size(choices)) text = text//', '

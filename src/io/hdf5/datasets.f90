@@ -9,7 +9,7 @@ module io_hdf5_datasets
    use core_chunks, only: chunk_of
    use core_error, only: exit_file, raise
    use core_kinds, only: long, wp
-   use core_table, only: next_word
+   use core_table, only: words_of
    use core_text, only: to_text
    use h5ds, only: h5dsattach_scale_f, h5dsset_scale_f
    use hdf5
@@ -121,23 +121,19 @@ contains
    subroutine attach_axes(self, name, axes)
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name, axes
-      character(:), allocatable :: path
+      character(:), allocatable :: path, words(:)
       integer(hid_t) :: dataset, scale
-      integer :: first, last, n, status
+      integer :: n, status
 
       call h5dopen_f(self%file%id, self%at(name), dataset, status)
       if (axes == name) then
          call h5dsset_scale_f(dataset, status, axes)
       else
-         n = 0
-         last = 0
-         do
-            call next_word(axes, first, last)
-            if (first > last) exit
-            n = n + 1
-            path = self%at(axes(first:last))
-            if (.not. self%has(axes(first:last))) &
-               path = self%path(:index(self%path, '/', back=.true.))//axes(first:last)
+         words = words_of(axes)
+         do n = 1, size(words)
+            path = self%at(trim(words(n)))
+            if (.not. self%has(trim(words(n)))) &
+               path = self%path(:index(self%path, '/', back=.true.))//trim(words(n))
             call h5dopen_f(self%file%id, path, scale, status)
             call h5dsattach_scale_f(dataset, scale, n, status)   ! counted as Python counts
             call h5dclose_f(scale, status)
