@@ -34,7 +34,7 @@ contains
       type(runner_type) :: runner
       type(process_model_type), allocatable :: models(:)
       character(:), allocatable :: choice
-      type(error_type), allocatable :: error
+      type(error_type), allocatable :: error, ignored
 
       call start_watch()
       call start_world(world)
@@ -56,11 +56,11 @@ contains
       call output%look_again(runner%plan, error)
       call output%stop_on(error)
       call march_campaign(models, runner, output, error)
-      call clear_away(output, error)
+      if (allocated(error)) call remove_store(output%store, ignored)   ! the next one starts anew
       call output%stop_on(error)
       call end_if_asked(output)
       call write_results(runner%plan, models, runner, output, error)
-      call clear_away(output, error)
+      if (allocated(error)) call remove_store(output%store, ignored)   ! the next one starts anew
       call output%stop_on(error)
       call output%say(output%path//': its history, transitions and energies. Draw it: '// &
                       'python -m entroslip '//shell_word(output%path)//' --out figures')
@@ -102,15 +102,6 @@ contains
       plan%output%energy = .true.
       plan%n_realizations = 0
    end subroutine keep_everything
-
-   !> Removes what a replay that failed has kept: the next one starts anew.
-   subroutine clear_away(output, error)
-      type(output_type), intent(in) :: output
-      type(error_type), allocatable, intent(in) :: error
-      type(error_type), allocatable :: ignored
-
-      if (allocated(error)) call remove_store(output%store, ignored)
-   end subroutine clear_away
 
    !> Restricts the plan to one sample of one case.
    pure subroutine keep_sample(line, plan)

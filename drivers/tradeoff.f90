@@ -66,7 +66,7 @@ contains
       call output%stop_on(error)
       if (world%is_root() .and. .not. is_stopped) then
          call compare_orders(plan, found%orders)
-         call output%say(text_of(scene, plan, models, found, world%n_ranks)//output%path)
+         call output%say(text_of(plan, models, found, world%n_ranks)//output%path)
          call write_findings(output, plan, found, error)
       end if
       call output%stop_on(error)
@@ -120,8 +120,7 @@ contains
    end subroutine fit_variants
 
    !> All that the terminal gets.
-   function text_of(scene, plan, models, found, n_ranks) result(text)
-      type(scene_type), intent(in) :: scene
+   function text_of(plan, models, found, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
       type(tradeoff_findings), intent(in) :: found
@@ -132,8 +131,7 @@ contains
       text = ''
       if (plan%has_structure) then
          text = settings_text(plan, found%tradeoff, found%settings, n_ranks)// &
-                wanted_text(plan, found%settings, scene%accuracy%target_slip_points, &
-                            scene%accuracy%target_band_ratio, n_ranks)//line_feed// &
+                wanted_text(plan, found%settings, n_ranks)//line_feed// &
                 components_text(plan, found%settings, found%tradeoff%own, found%errors, n_ranks)// &
                 line_feed
          text = text//sizes_text(plan, found%sizes, n_ranks)//line_feed

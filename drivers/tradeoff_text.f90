@@ -95,20 +95,20 @@ contains
    end function has_bands
 
    !> The cheapest setting for wanted errors: the scene's targets, or a ladder.
-   pure function wanted_text(plan, rows, slip_points, band_ratio, n_ranks) result(text)
+   pure function wanted_text(plan, rows, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
       type(setting_row), intent(in) :: rows(:)
-      real(wp), intent(in) :: slip_points, band_ratio   !! targets of the scene; 0: none
       integer, intent(in) :: n_ranks
       character(:), allocatable :: text
       real(wp), parameter :: ladder(*) = [1.0_wp, 0.1_wp, 1.0e-2_wp, 1.0e-3_wp, 1.0e-6_wp]
       integer :: i
 
-      if (max(slip_points, band_ratio) > 0.0_wp) then
-         text = answer(slip_points, band_ratio)
-         return
-      end if
-      text = ''
+      associate (points => plan%accuracy%target_slip_points, &
+                 ratio => plan%accuracy%target_band_ratio)
+         text = ''
+         if (max(points, ratio) > 0.0_wp) text = answer(points, ratio)
+         if (text /= '') return
+      end associate
       do i = 1, size(ladder)
          text = text//answer(ladder(i), 0.0_wp)
       end do

@@ -43,7 +43,12 @@ contains
       group = new_group(file, '/process/'//numbered('p', number))
       call write_request(group, model%request)
       call write_solution(group, model)
-      if (present(realizations)) call write_realizations(group, realizations)
+      if (present(realizations)) then
+         call group%put_axis('point', size(realizations, 1), 'point')
+         call group%put_axis('realization', size(realizations, 2), 'realization')
+         call group%put('realizations', realizations, 'unit of x', 'realizations of the process', &
+                        'realization point')
+      end if
       call group%take_error(error)
    end subroutine write_process
 
@@ -178,16 +183,6 @@ contains
       if (self%group%has(trim(axis%name))) return
       call self%group%put_axis(trim(axis%name), n, trim(axis%about), axis%first)
    end subroutine put_axis
-
-   subroutine write_realizations(group, realizations)
-      type(group_type), intent(inout) :: group
-      real(wp), intent(in), contiguous :: realizations(:, :)   !! (point, realization)
-
-      call group%put_axis('point', size(realizations, 1), 'point')
-      call group%put_axis('realization', size(realizations, 2), 'realization')
-      call group%put('realizations', realizations, 'unit of x', 'realizations of the process', &
-                     'realization point')
-   end subroutine write_realizations
 
    !> Stores a process that is solved, or refused with its reason. It is on the disk when this
    !> returns without error.

@@ -49,6 +49,9 @@ module tradeoff_front
       real(wp) :: time(n_published) = 0.0_wp      !! n_steps are finite
       real(wp) :: samples(n_published) = 0.0_wp   !! n_samples are finite: of the scene's estimator
       real(wp) :: times_to_halve = 4.0_wp         !! as many samples halve that of slip
+      !> time-average error of slip of one sample [points] where each has its own record, as the
+      !> scatter over samples of a short march holds it too; else 0
+      real(wp) :: noise = 0.0_wp
    end type error_components
 
 contains
@@ -148,11 +151,11 @@ contains
 
       errors%discretisation = own%error
       call add_time_averages(tradeoff, n_steps, errors)
-      errors%samples = error_of_samples(tradeoff, errors%time(slip), n_steps, 1.0_wp)
+      errors%samples = error_of_samples(tradeoff, errors, 1.0_wp)
       few = 1.0_wp
       many = 4.0_wp   ! plain sampling; no estimator falls more slowly
       do i = 1, 12
-         fewer = error_of_samples(tradeoff, errors%time(slip), n_steps, sqrt(few*many))
+         fewer = error_of_samples(tradeoff, errors, sqrt(few*many))
          if (fewer(slip) > 0.5_wp*errors%samples(slip)) then
             few = sqrt(few*many)
          else
@@ -184,8 +187,7 @@ contains
             if (tradeoff%tasks(i)%kind /= of_samples) cycle
             associate (n_cases => tradeoff%n_cases(tradeoff%cases(tradeoff%tasks(i)%row)))
                w = tradeoff%found(i)%n_samples
-               call mean_slip_errors(tradeoff%found(i), &
-                                     noise_of_one(tradeoff, errors%time(slip), n_steps), now, ratio)
+               call mean_slip_errors(tradeoff%found(i), errors%noise, now, ratio)
                error%samples = [error%samples, error_with(n, w, now, ratio, 0.0_wp, n_cases)]
                error%ratio = [error%ratio, now*ratio*sqrt(w/n)]   ! plain sampling's error
             end associate
@@ -239,13 +241,16 @@ contains
             end do
          end associate
       end do
+      associate (plan => tradeoff%plan)
+         if (plan%excitation%per_sample) errors%noise = errors%time(slip) &
+            *sqrt(maxval(plan%cases%n_samples)*real(n_steps, wp)/plan%integration%n_steps)
+      end associate
    end subroutine add_time_averages
 
    !> The component of finite samples with so many times the scene's.
-   pure function error_of_samples(tradeoff, time_slip, n_steps, times) result(error)
+   pure function error_of_samples(tradeoff, errors, times) result(error)
       type(tradeoff_type), intent(in) :: tradeoff
-      real(wp), intent(in) :: time_slip      !! time-average error of slip
-      integer, intent(in) :: n_steps         !! of the scene, after those discarded
+      type(error_components), intent(in) :: errors   !! time averages
       real(wp), intent(in) :: times
       real(wp) :: error(n_published)
       real(wp), allocatable :: now(:), ratio(:)
@@ -255,7 +260,7 @@ contains
       do i = 1, size(tradeoff%tasks)
          if (tradeoff%tasks(i)%kind /= of_samples) cycle
          associate (found => tradeoff%found(i), number => tradeoff%cases(tradeoff%tasks(i)%row))
-            call mean_slip_errors(found, noise_of_one(tradeoff, time_slip, n_steps), now, ratio)
+            call mean_slip_errors(found, errors%noise, now, ratio)
             associate (n => times*tradeoff%plan%cases(number)%n_samples, &
                        n_now => real(found%n_samples, wp), n_cases => tradeoff%n_cases(number), &
                        gain => found%gain(:, slip_std:))
@@ -269,19 +274,6 @@ contains
          end associate
       end do
    end function error_of_samples
-
-   !> Time-average error of one sample [points] where each has its own record, as the scatter over
-   !> samples of a short march holds it too; else 0.
-   pure real(wp) function noise_of_one(tradeoff, time_slip, n_steps)
-      type(tradeoff_type), intent(in) :: tradeoff
-      real(wp), intent(in) :: time_slip
-      integer, intent(in) :: n_steps   !! of the scene
-
-      noise_of_one = 0.0_wp
-      if (tradeoff%plan%excitation%per_sample) noise_of_one = time_slip &
-         *sqrt(maxval(tradeoff%plan%cases%n_samples)*real(n_steps, wp) &
-               /tradeoff%plan%integration%n_steps)
-   end function noise_of_one
 
    !> Finds standard errors of mean slip fractions for as many samples as were marched [points]
    !> without what their own records add, and plain sampling's over them.
@@ -326,9 +318,7 @@ contains
          real(wp), intent(in) :: more_samples, more_steps
          real(wp) :: of_samples(n_published), of_time
 
-         of_samples = error_of_samples(tradeoff, errors%time(slip), &
-                                      plan%integration%n_steps - plan%integration%n_discard, &
-                                      more_samples)
+         of_samples = error_of_samples(tradeoff, errors, more_samples)
          of_time = more_steps*merge(more_samples, 1.0_wp, plan%excitation%per_sample)
          row%n_samples = nint(more_samples*maxval(plan%cases%n_samples))
          row%n_steps = nint(more_steps*plan%integration%n_steps, long)

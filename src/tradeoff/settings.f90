@@ -12,8 +12,6 @@ module tradeoff_settings
    public :: setting_type, all_settings, settings_at_dt, own_setting, same_setting, with_setting
    public :: count_work, expected_cost, reference_setting, setting_dt, use_setting
 
-   real(wp), parameter :: reference_tolerance = 1.0e-12_wp
-
    !> A method, its step in terms of the scene's, and how closely it follows a transition.
    type :: setting_type
       character(16) :: method = 'event'     !! or 'newmark'
@@ -24,14 +22,10 @@ module tradeoff_settings
       type(march_work) :: work              !! of a step of its own; see count_work
    end type setting_type
 
+   !> Setting a hundred times tighter than the best that is compared
+   type(setting_type), parameter :: reference_setting = setting_type('event', tolerance=1.0e-12_wp)
+
 contains
-
-   !> Setting a hundred times tighter than the best that is compared.
-   pure function reference_setting() result(setting)
-      type(setting_type) :: setting
-
-      setting = setting_type('event', tolerance=reference_tolerance)
-   end function reference_setting
 
    !> The scene's own.
    pure function own_setting(plan) result(setting)
@@ -53,14 +47,10 @@ contains
       integer, parameter :: halvings(*) = [0, 1, 2, 3, 4, 6, 8, 10, 12, 15, 20]
       integer :: i
 
-      allocate (settings(0))
-      do i = 3, 10
-         settings = [settings, setting_type('event', tolerance=10.0_wp**(-i))]
-      end do
-      do i = 1, size(halvings)
-         if (is_stable(plan, 1.0_wp)) &
-            settings = [settings, setting_type('newmark', max_halvings=halvings(i))]
-      end do
+      settings = [(setting_type('event', tolerance=10.0_wp**(-i)), i=3, 10)]
+      if (is_stable(plan, 1.0_wp)) &
+         settings = [settings, (setting_type('newmark', max_halvings=halvings(i)), &
+                                i=1, size(halvings))]
       if (.not. any(same_setting(settings, own_setting(plan)))) &
          settings = [settings, own_setting(plan)]
    end function settings_at_dt

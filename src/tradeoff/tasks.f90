@@ -186,7 +186,7 @@ contains
       real(wp) :: expected, measured, nanoseconds   ! summed over levels
       integer :: k, n
 
-      counted = reference_setting()
+      counted = reference_setting
       call count_work(tradeoff%plan, counted, error)
       if (allocated(error)) return
       expected = 0.0_wp
