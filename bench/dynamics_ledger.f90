@@ -9,7 +9,7 @@ program bench_dynamics_ledger
    use structure_chain, only: build_chain
    use structure_model, only: structure_type
    use dynamics_exact_march, only: exact_march, new_exact_march
-   use dynamics_excitation, only: band_limited_force
+   use dynamics_excitation, only: noise_force
    use dynamics_joint, only: close_account
    use dynamics_response, only: block_state, start_block, stored_energy
    implicit none(type, external)
@@ -32,7 +32,7 @@ program bench_dynamics_ledger
    stream = new_stream(2016_long, label_of('bench'), 0)
    call stream%normals(normal)
    friction = max(0.01_wp, 0.2_wp + 0.067_wp*reshape(normal, shape(friction)))
-   call band_limited_force([0.0_wp, 2.5_wp], dt, stream, record, error)
+   call noise_force([0.0_wp, 2.5_wp], dt, stream, record, error)
    call stop_on_error()
    print '(a)', '# tolerance variance  defect_over_work  ns_with_ledger  ns_without  ratio'
    do k = 1, size(tolerances)

@@ -4,7 +4,7 @@ program synthesis
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
-   use dynamics_excitation, only: band_limited_force
+   use dynamics_excitation, only: noise_force
    implicit none(type, external)
    integer, parameter :: lengths(*) = [20000, 100000, 400000, 2000000]   ! values
    real(wp), parameter :: band(2) = [0.0_wp, 2.5_wp], dt = 0.00843_wp     ! [Hz], [s]
@@ -21,7 +21,7 @@ program synthesis
       do r = 1, repeats
          stream = new_stream(1_long, label_of('bench_synthesis'), r)
          call cpu_time(began)
-         call band_limited_force(band, dt, stream, force, error)
+         call noise_force(band, dt, stream, force, error)
          call cpu_time(ended)
          if (allocated(error)) error stop error%message
          least = min(least, ended - began)

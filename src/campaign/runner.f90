@@ -7,7 +7,7 @@ module campaign_runner
    use core_random, only: label_of, new_stream, stream_type
    use core_text, only: brief, to_text
    use dynamics_exact_march, only: exact_march, new_exact_march
-   use dynamics_excitation, only: band_limited_force, coloured_force, sine_force
+   use dynamics_excitation, only: noise_force, sine_force
    use dynamics_newmark_march, only: new_newmark, newmark_marcher
    use dynamics_response, only: marcher_type
    use numerics_spectrum, only: can_follow_power, count_segments, welch_type
@@ -149,10 +149,10 @@ contains
          stream = new_stream(self%plan%seed, label, sample)
          associate (excitation => self%plan%excitation, dt => self%plan%integration%dt)
             if (excitation%kind == 'psd') then
-               call coloured_force(excitation%density(1, :), excitation%density(2, :), dt, stream, &
-                                   force(:, k), error)
+               call noise_force(excitation%density(1, :), dt, stream, force(:, k), error, &
+                                excitation%density(2, :))
             else
-               call band_limited_force(excitation%band, dt, stream, force(:, k), error)
+               call noise_force(excitation%band, dt, stream, force(:, k), error)
             end if
          end associate
          if (allocated(error)) return

@@ -9,45 +9,64 @@ module dynamics_excitation
    use numerics_synthesis, only: sum_lines
    implicit none(type, external)
    private
-   public :: band_limited_force, coloured_force, narrow_rule, narrowest_band, sine_force
+   public :: narrow_rule, narrowest_band, noise_force, sine_force
 
    integer, parameter :: fewest_lines = 64          !! in the band, however short the record
    integer, parameter :: longest_period = 2**28     !! of the synthesis [steps]
 
 contains
 
-   !> Makes a record of a stationary Gaussian process with a flat density on the band and unit
-   !> variance in expectation; the same stream gives the same record.
+   !> Makes a record of a stationary Gaussian process; the same stream gives the same record. Its
+   !> one-sided density is linear between the given values and zero outside of them, its expected
+   !> variance their integral. Without values the density is flat and the variance 1.
    !>
    !> It is a piece of a periodic one, not shorter than the record. Each line stands for the
    !> frequencies nearer to it than to its neighbours, and a line at the edge only for those inside
    !> the band, so that the expected variance is exact for every band, with or without zero and the
    !> Nyquist frequency.
-   subroutine band_limited_force(band, dt, stream, force, error)
-      real(wp), intent(in) :: band(2)                !! [Hz], within 0 and 1/(2 dt)
-      real(wp), intent(in) :: dt                     !! [s]
-      type(stream_type), intent(inout) :: stream
-      real(wp), intent(out) :: force(:)              !! (step) values dt apart
-      type(error_type), allocatable, intent(out) :: error
-
-      call synthesize('excitation%band', band, [1.0_wp, 1.0_wp], band(2) - band(1), dt, stream, &
-                      force, error)
-   end subroutine band_limited_force
-
-   !> Makes a record of a stationary Gaussian process whose one-sided density is linear between the
-   !> given values and zero outside of them. Its expected variance is the integral of the density.
-   !> Made as by band_limited_force.
-   subroutine coloured_force(frequency, density, dt, stream, force, error)
+   subroutine noise_force(frequency, dt, stream, force, error, density)
       real(wp), intent(in) :: frequency(:)   !! [Hz], ascending, within 0 and 1/(2 dt)
-      real(wp), intent(in) :: density(:)     !! not negative [N^2/Hz]
       real(wp), intent(in) :: dt             !! [s]
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: force(:)      !! (step) values dt apart [N]
       type(error_type), allocatable, intent(out) :: error
+      real(wp), intent(in), optional :: density(:)   !! at each frequency, not negative [N^2/Hz]
+      real(wp), allocatable :: level(:), normal(:)
+      complex(wp), allocatable :: line(:)   ! spacing apart, from 0
+      real(wp) :: band(2), scale, spacing   ! [Hz]
+      real(wp) :: unit                      ! of the levels
+      integer :: first, k, last, n          ! n: steps of the period
 
-      call synthesize('band of excitation%psd', frequency, density, 1.0_wp, dt, stream, force, &
-                      error)
-   end subroutine coloured_force
+      band = [frequency(1), frequency(size(frequency))]
+      if (present(density)) then
+         call check_band('band of excitation%psd', band, dt, error)
+         level = density
+         unit = 1.0_wp
+      else
+         call check_band('excitation%band', band, dt, error)
+         level = spread(1.0_wp, 1, size(frequency))
+         unit = band(2) - band(1)
+      end if
+      if (allocated(error)) return
+      n = good_fft_length(max(size(force), ceiling(fewest_lines/((band(2) - band(1))*dt))))
+      spacing = 1.0_wp/(n*dt)
+      first = nint(band(1)/spacing)
+      last = min(nint(band(2)/spacing), n/2)
+      allocate (normal(2*(last - first + 1)), line(first:last))
+      call stream%normals(normal)
+      do k = first, last
+         scale = sqrt(power_between(frequency, level, (k - 0.5_wp)*spacing, &
+                                    (k + 0.5_wp)*spacing)/unit)
+         associate (z => normal(2*(k - first) + 1:2*(k - first) + 2))
+            if (k == 0 .or. 2*k == n) then
+               line(k) = scale*z(1)
+            else
+               line(k) = 0.5_wp*scale*cmplx(z(1), -z(2), wp)
+            end if
+         end associate
+      end do
+      call sum_lines(n, first, line, force)
+   end subroutine noise_force
 
    !> Makes a force whose fundamental is sin(2 pi f t), with the phase reduced to half a turn.
    !> Linear between values sin(2 pi f t) it would have (sin(x)/x)^2 of it, x = pi f dt.
@@ -65,43 +84,6 @@ contains
          force(i) = amplitude*sin(two_pi*(turns - anint(turns)))
       end do
    end subroutine sine_force
-
-   !> Adds up lines with random amplitudes, whose expected powers are those of the density.
-   subroutine synthesize(what, frequency, density, unit, dt, stream, force, error)
-      character(*), intent(in) :: what      !! has such a band, in messages
-      real(wp), intent(in) :: frequency(:), density(:)   !! [Hz], [N^2/Hz] in this unit
-      real(wp), intent(in) :: unit
-      real(wp), intent(in) :: dt            !! [s]
-      type(stream_type), intent(inout) :: stream
-      real(wp), intent(out) :: force(:)     !! (step)
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: normal(:)
-      complex(wp), allocatable :: line(:)   ! spacing apart, from 0
-      real(wp) :: band(2), scale, spacing   ! [Hz]
-      integer :: first, k, last, n          ! n: steps of the period
-
-      band = [frequency(1), frequency(size(frequency))]
-      call check_band(what, band, dt, error)
-      if (allocated(error)) return
-      n = good_fft_length(max(size(force), ceiling(fewest_lines/((band(2) - band(1))*dt))))
-      spacing = 1.0_wp/(n*dt)
-      first = nint(band(1)/spacing)
-      last = min(nint(band(2)/spacing), n/2)
-      allocate (normal(2*(last - first + 1)), line(first:last))
-      call stream%normals(normal)
-      do k = first, last
-         scale = sqrt(power_between(frequency, density, (k - 0.5_wp)*spacing, &
-                                    (k + 0.5_wp)*spacing)/unit)
-         associate (z => normal(2*(k - first) + 1:2*(k - first) + 2))
-            if (k == 0 .or. 2*k == n) then
-               line(k) = scale*z(1)
-            else
-               line(k) = 0.5_wp*scale*cmplx(z(1), -z(2), wp)
-            end if
-         end associate
-      end do
-      call sum_lines(n, first, line, force)
-   end subroutine synthesize
 
    !> Integral of a piecewise linear density, zero outside of its frequencies.
    pure function power_between(frequency, density, low, high) result(power)

@@ -5,7 +5,7 @@ module newmark_cases
    use core_random, only: label_of, new_stream, stream_type
    use structure_chain, only: build_chain
    use structure_model, only: structure_type
-   use dynamics_excitation, only: band_limited_force
+   use dynamics_excitation, only: noise_force
    use dynamics_response, only: block_state, marcher_type, start_block
    implicit none(type, external)
    private
@@ -42,7 +42,7 @@ contains
       type(error_type), allocatable :: error
 
       stream = new_stream(seed, label_of('force'), 0)
-      call band_limited_force([0.0_wp, 2.5_wp], dt, stream, force(:, 1), error)
+      call noise_force([0.0_wp, 2.5_wp], dt, stream, force(:, 1), error)
       force = sqrt(variance)*force
    end function noise
 
