@@ -236,15 +236,10 @@ contains
       type(block_state), intent(inout) :: state
       type(transition_group), intent(inout) :: one   !! room
       type(error_type), allocatable, intent(out) :: error
-      integer :: chosen(group_size), e, i, n
+      integer :: e
 
-      n = 0
-      do e = 1, group%n   ! without branches
-         chosen(n + 1) = e
-         n = n + merge(0, 1, group%verdict(e) == clear .or. base%paths%is_involved(group%lane(e)))
-      end do
-      do i = 1, n
-         e = chosen(i)
+      do e = 1, group%n
+         if (group%verdict(e) == clear .or. base%paths%is_involved(group%lane(e))) cycle
          if (group%verdict(e) == plain) then
             call make_transition(base, group, e, begin, state)
          else
@@ -353,28 +348,20 @@ contains
       real(wp), intent(inout) :: displacement(:, :, :)
       real(wp), intent(inout), optional :: velocity(:, :, :)
       type(march_room), intent(inout) :: room
+      integer :: i, l, w
 
-      call copy_planes(base, room, room%displacement, displacement)
-      if (present(velocity)) call copy_planes(base, room, room%velocity, velocity)
-      room%n_records = room%n_records + room%n_kept
-      room%n_kept = 0
-   end subroutine hand_on
-
-   !> Copies planes (lane, dof) to a history (record, dof, sample).
-   pure subroutine copy_planes(base, room, planes, history)
-      class(base_system), intent(in) :: base
-      type(march_room), intent(in) :: room
-      real(wp), intent(in) :: planes(:, :, :)
-      real(wp), intent(inout) :: history(:, :, :)
-      integer :: i, l, r
-
-      do i = 1, size(planes, 2)
-         do l = 1, base%paths%n_samples
-            do r = 1, room%n_kept
-               history(room%n_records + r, i, base%paths%first_sample + l - 1) = planes(l, i, r)
+      associate (done => room%n_records, kept => room%n_kept)
+         do i = 1, size(displacement, 2)
+            do l = 1, base%paths%n_samples
+               w = base%paths%first_sample + l - 1
+               displacement(done + 1:done + kept, i, w) = room%displacement(l, i, :kept)
+               if (present(velocity)) &
+                  velocity(done + 1:done + kept, i, w) = room%velocity(l, i, :kept)
             end do
          end do
-      end do
-   end subroutine copy_planes
+         done = done + kept
+         kept = 0
+      end associate
+   end subroutine hand_on
 
 end module dynamics_exact_block_march

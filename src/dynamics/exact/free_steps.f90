@@ -88,19 +88,13 @@ contains
       least = huge(1.0_wp)
       associate (x => paths%x, start => paths%layer(0), finish => paths%finish(0), &
                  many => size(paths%joint))
-         do e = 1, many, 2
+         do e = 1, many
             call finish_row(paths%degree, paths, e, x(1, 1, start), x(1, 1, 2), paths%regime, &
-                            x(1, 1, finish), least, pair)
-            if (e < many) then
-               call finish_row(paths%degree, paths, e + 1, x(1, 1, start), x(1, 1, 2), &
-                               paths%regime, x(1, 1, finish), least, word)
-               pair = ior(pair, shiftl(word, width))
-            end if
-            do while (pair /= 0_long)
-               at = trailz(pair)
+                            x(1, 1, finish), least, word)
+            do while (word /= 0_long)
                n = n + 1
-               paths%suspect(n) = width*(paths%joint(e + at/width) - 1) + iand(at, width - 1) + 1
-               pair = ibclr(pair, at)
+               paths%suspect(n) = width*(paths%joint(e) - 1) + trailz(word) + 1
+               word = iand(word, word - 1_long)
             end do
          end do
       end associate
