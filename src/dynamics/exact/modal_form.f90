@@ -12,8 +12,7 @@ module dynamics_exact_modal_form
    use dynamics_exact_free_steps, only: finish_part
    use dynamics_exact_guard_zeros, only: no_crossing
    use dynamics_exact_joint_paths, only: layer_side, layer_spring, width
-   use dynamics_exact_modal_answers, only: find_answers
-   use dynamics_exact_modal_lane, only: lane_paths
+   use dynamics_exact_modal_lane, only: find_answers, lane_paths
    use dynamics_exact_modal_operators, only: four, kernel_fit, modal_operators, new_modal_operators
    use dynamics_exact_modal_sliders, only: moving_sliders
    use dynamics_exact_modal_steps, only: multiply, push_motion, read_paths, rotate
