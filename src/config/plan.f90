@@ -72,9 +72,8 @@ contains
       process = group%shared
       if (process%correlation /= 'both') process%second_length = 0.0_wp
       if (process%positive) process%inversion_half_width = 0
-      process%bound_l0 = group%range_l0(1)
-      process%bound_l1 = group%range_l1(1)
-      process%upper_bound = max(maxval(group%range_l0(2:)), maxval(group%range_l1(2:)), 0.0_wp)
+      if (process%correlation == 'L0') process%bounds(:size(group%range_l1)) = group%range_l1
+      if (process%correlation == 'L1') process%bounds(:size(group%range_l0)) = group%range_l0
       if (group%values /= '') process%method = 'values'
       do i = 1, size(group%lengths)
          process%correlation_length = group%lengths(i)

@@ -100,9 +100,11 @@ contains
       if (request%positive) call group%attribute('branch_asked', trim(request%branch))
       if (.not. request%positive) call group%attribute('simulation', trim(request%simulation))
       if (request%order > 0) return
-      call group%attribute('bound_l0', request%bound_l0)
-      call group%attribute('bound_l1', request%bound_l1)
-      if (request%upper_bound > 0.0_wp) call group%attribute('upper_bound', request%upper_bound)
+      call group%attribute('bound_l0', merge(request%bounds(1), 0.0_wp, &
+                                             request%correlation == 'L1'))
+      call group%attribute('bound_l1', merge(request%bounds(1), 0.0_wp, &
+                                             request%correlation == 'L0'))
+      if (request%bounds(2) > 0.0_wp) call group%attribute('upper_bound', request%bounds(2))
       call group%attribute('bound_side', trim(request%bound_side))
       call group%attribute('max_order', request%max_order)
    end subroutine write_request

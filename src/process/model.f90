@@ -15,10 +15,9 @@ module process_model
       real(wp) :: correlation_length = 0.0_wp
       real(wp) :: second_length = 0.0_wp         !! both: L1, the other one being L0
       integer :: order = 0                       !! M, or m_max of 'direct'; 0: choose it
-      real(wp) :: bound_l0 = 0.0_wp              !! order = 0: the other length's bound; 0: none
-      real(wp) :: bound_l1 = 0.0_wp
-      real(wp) :: upper_bound = 0.0_wp           !! of a range that begins at the bound; 0: none
-      character(16) :: bound_side = 'automatic'  !! of the other length: 'upper', 'lower' or chosen
+      !> order = 0: of the length that is not imposed; 0: none. Two are a range
+      real(wp) :: bounds(2) = 0.0_wp
+      character(16) :: bound_side = 'automatic'  !! of a single bound: 'upper', 'lower' or chosen
       integer :: max_order = 30                  !! order = 0: search no further
       logical :: all_signs = .false.             !! direct: every sequence of signs is solved
       integer :: inversion_half_width = 0        !! direct: M of Eq. (35), a check; 0: none
@@ -155,14 +154,14 @@ contains
                        trim(request%sampler))
       label = label_of(label, request%correlation_length)
       label = label_of(label, request%order)
-      label = label_of(label, request%bound_l0)
-      label = label_of(label, request%bound_l1)
+      label = label_of(label, merge(request%bounds(1), 0.0_wp, request%correlation == 'L1'))
+      label = label_of(label, merge(request%bounds(1), 0.0_wp, request%correlation == 'L0'))
       label = label_of(label, request%max_order)
       label = label_of(label, request%mean)
       label = label_of(label, request%std)
       label = label_of(label, merge(1, 0, request%positive))
       if (request%correlation == 'both') label = label_of(label, request%second_length)
-      if (request%upper_bound > 0.0_wp) label = label_of(label, request%upper_bound)
+      if (request%bounds(2) > 0.0_wp) label = label_of(label, request%bounds(2))
    end function request_label
 
 end module process_model

@@ -39,9 +39,12 @@ contains
 
       order = request%order
       if (order /= 0) return
-      call check_bounds(request, error)
-      if (allocated(error)) return
-      is_bounded = bound_of(request) > 0.0_wp
+      is_bounded = request%bounds(1) > 0.0_wp
+      if (is_bounded .and. request%correlation == 'both') then
+         call raise(error, exit_bad_input, bounds_of(request)// &
+                    ': must be absent with both lengths imposed')
+         return
+      end if
       is_found = .false.
       lowest = merge(2, 1, request%correlation == 'both')
       if (request%method == 'direct') lowest = 1 + certainly_infeasible_m_max(request)
@@ -85,7 +88,7 @@ contains
 
       trial = request
       call fit_positive(trial, seed, model)
-      if (.not. model%is_solved .or. .not. bound_of(request) > 0.0_wp) return
+      if (.not. model%is_solved .or. .not. request%bounds(1) > 0.0_wp) return
       step = 0
       do
          way = -place_of(request, model)
@@ -108,29 +111,6 @@ contains
          model%reason = error%message
       end if
    end subroutine fit_positive_order
-
-   !> Refuses a bound of a length that is imposed, bounds in the wrong order and max_order < 1.
-   pure subroutine check_bounds(request, error)
-      type(process_request), intent(in) :: request
-      type(error_type), allocatable, intent(out) :: error
-
-      if (request%max_order < 1) then
-         call raise(error, exit_bad_input, 'max_order = '//to_text(request%max_order)// &
-                    ': must be at least 1')
-      else if (request%correlation == 'both' .and. &
-               max(request%bound_l0, request%bound_l1) > 0.0_wp) then
-         call raise(error, exit_bad_input, bounds_of(request)// &
-                    ': must be absent with both lengths imposed')
-      else if (request%upper_bound > 0.0_wp .and. request%upper_bound < bound_of(request)) then
-         call raise(error, exit_bad_input, bounds_of(request)//': the lower bound must come first')
-      else if (request%correlation == 'L0' .and. request%bound_l0 > 0.0_wp) then
-         call raise(error, exit_bad_input, 'bound_l0 = '//to_text(request%bound_l0)// &
-                    ': L0 is imposed, only L1 can be bounded')
-      else if (request%correlation == 'L1' .and. request%bound_l1 > 0.0_wp) then
-         call raise(error, exit_bad_input, 'bound_l1 = '//to_text(request%bound_l1)// &
-                    ': L1 is imposed, only L0 can be bounded')
-      end if
-   end subroutine check_bounds
 
    !> Says what the nearest bound is that is kept.
    pure subroutine refuse_bound(request, order, model, error)
@@ -180,13 +160,13 @@ contains
       logical :: is_upper
 
       interval = [0.0_wp, huge(1.0_wp)]
-      if (.not. bound_of(request) > 0.0_wp) return
+      if (.not. request%bounds(1) > 0.0_wp) return
       is_upper = merge(request%correlation == 'L0', request%bound_side == 'upper', &
                        request%bound_side == 'automatic')
-      if (request%upper_bound > 0.0_wp) then
-         interval = [bound_of(request), request%upper_bound]
+      if (request%bounds(2) > 0.0_wp) then
+         interval = request%bounds
       else
-         interval(merge(2, 1, is_upper)) = bound_of(request)
+         interval(merge(2, 1, is_upper)) = request%bounds(1)
       end if
    end function interval_of
 
@@ -203,21 +183,14 @@ contains
       end if
    end function other_length
 
-   pure function bound_of(request) result(bound)
-      type(process_request), intent(in) :: request
-      real(wp) :: bound
-
-      bound = merge(request%bound_l1, request%bound_l0, request%correlation == 'L0')
-   end function bound_of
-
    !> 'bound_l1 = 1.0', or with both bounds of a range, for messages.
    pure function bounds_of(request) result(text)
       type(process_request), intent(in) :: request
       character(:), allocatable :: text
 
       text = merge('bound_l1', 'bound_l0', request%correlation == 'L0')//' = '// &
-             to_text(bound_of(request))
-      if (request%upper_bound > 0.0_wp) text = text//', '//to_text(request%upper_bound)
+             to_text(request%bounds(1))
+      if (request%bounds(2) > 0.0_wp) text = text//', '//to_text(request%bounds(2))
    end function bounds_of
 
 end module process_order
