@@ -143,7 +143,6 @@ def _parser() -> Parser:
         help=".mat, .npy, .npz, Matrix Market, Abaqus text, Nastran DMIG or OP4",
     )  # fmt: skip
     add.add_argument("--stiffness", required=True, metavar="FILE[:NAME]", help="without the joints")
-    add.add_argument("--damping", metavar="FILE[:NAME]", help="viscous damping; default: a ratio")
     add.add_argument(
         "--joint", action="append", default=[], type=_two_dofs, metavar="A[,B]",
         help="a joint from dof A to dof B, or to the ground (repeatable)",
@@ -154,7 +153,10 @@ def _parser() -> Parser:
         help="Craig-Bampton: keep the dofs of joints and forces, and N modes of the others",
     )  # fmt: skip
     add.add_argument("--condense", action="store_true", help="remove the dofs without mass")
-    _add_common(add, stiffness=None)
+    damping = _add_common(add, stiffness=None)
+    damping.add_argument(
+        "--damping", metavar="FILE[:NAME]", help="viscous damping; default: a ratio"
+    )
     add.set_defaults(make=_imported)
     ring = commands.add_parser("ring", help="blades on a disk, each coupled to its neighbours")
     ring.add_argument("--blades", type=int, required=True)
@@ -175,7 +177,10 @@ def _parser() -> Parser:
     return parser
 
 
-def _add_common(parser: argparse.ArgumentParser, stiffness: float | None) -> None:
+def _add_common(
+    parser: argparse.ArgumentParser, stiffness: float | None
+) -> argparse._MutuallyExclusiveGroup:
+    """Add what all commands have; return the kinds of damping, of which one can be given."""
     add = parser.add_argument
     add("--out", type=Path, metavar="FOLDER", help="what is written; without it: checks alone")
     add("--replace", action="store_true", help="write over the files of FOLDER, joints.txt too")
@@ -183,12 +188,17 @@ def _add_common(parser: argparse.ArgumentParser, stiffness: float | None) -> Non
     add("--joint-stiffness", type=_positive, default=stiffness, help="in every line of joints.txt")
     add("--normal-load", type=_not_negative, default=10.0, help="likewise")
     add("--friction", type=_not_negative, default=0.2, help="likewise")
-    add("--damping-ratio", type=_not_negative, default=0.005, help="of every mode")
     add("--process", type=Path, metavar="FILE",
         help="a scene whose &process is taken, as estimate writes it")  # fmt: skip
-    add("--rayleigh", type=float, nargs=2, metavar=("ALPHA", "BETA"), help="C = ALPHA M + BETA K")
     add("--force", action="append", default=[], type=_factor, metavar="DOF[=FACTOR]",
         help="where the force acts (repeatable); default: the last dof")  # fmt: skip
+    damping = parser.add_mutually_exclusive_group()
+    damping.add_argument("--damping-ratio", type=_not_negative, default=0.005, help="of every mode")
+    damping.add_argument(
+        "--rayleigh", type=_not_negative, nargs=2, metavar=("ALPHA", "BETA"),
+        help="C = ALPHA M + BETA K",
+    )  # fmt: skip
+    return damping
 
 
 def _two_dofs(text: str) -> tuple[str, str | None]:

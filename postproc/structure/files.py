@@ -103,16 +103,17 @@ def _read(source: str, letter: str) -> _Read:
         key = _chosen(path, found, wanted, letter)
         return _Read(str(path), _as_matrix(found[key], f"{path}: {key}".removesuffix(": ")))
     if head.startswith(_MATRIX_MARKET):
-        return _Read(str(path), _as_matrix(_matrix_market(path), str(path)))
-    if b"DMIG" in head.upper():
-        dmig = read_dmig(path)
-        return _of_entries(dmig[_chosen(path, dmig, wanted, letter)])
-    return _of_entries(read_abaqus(path))
+        found = {"": _matrix_market(path)}
+        return _Read(str(path), _as_matrix(found[_chosen(path, found, wanted, letter)], str(path)))
+    named = read_dmig(path) if b"DMIG" in head.upper() else {"": read_abaqus(path)}
+    return _of_entries(named[_chosen(path, named, wanted, letter)])
 
 
 def _chosen(path: Path, found: Mapping[str, Any], wanted: str, letter: str) -> str:
     """The name of a matrix in a file: as asked, the only one, or one that is called so."""
     if wanted:
+        if "" in found:
+            raise InputError(f"{path}: holds one matrix without a name: leave :{wanted} out")
         if wanted not in found:
             raise InputError(f"{path}: has no {wanted}, only {_listed(found)}")
         return wanted

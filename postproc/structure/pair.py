@@ -93,7 +93,7 @@ def require_stiffness(pair: Pair) -> int:
         raise InputError(
             f"K: must have no negative eigenvalue; the lowest of K x = lambda M x is {values[0]:g}"
         )
-    return int((values < bound).sum())
+    return int((values <= bound).sum())
 
 
 def massless(pair: Pair) -> NDArray[np.int64]:

@@ -14,7 +14,7 @@ from ..output import InputError
 from .pair import Matrix, Pair, massless, start
 
 _DENSE = 600  # inner dofs up to which all their modes are computed at once
-_ROUNDING = 1.0e-14  # of the largest 1/omega^2: a direction without mass
+_ROUNDING = 1.0e-14  # of the largest 1/omega^2: a direction without mass; of the terms of a sum
 
 
 def craig_bampton(pair: Pair, kept: Sequence[str], n_modes: int) -> Pair:
@@ -117,9 +117,14 @@ def _modes(
 
 
 def _projected(pair: Pair, transform: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """T' A T of every matrix A."""
-    found = {name: transform.T @ (matrix @ transform) for name, matrix in pair.matrices().items()}
-    return {name: 0.5 * (matrix + matrix.T) for name, matrix in found.items()}
+    """T' A T of every matrix A; sums that cancel to rounding are zero, as of a body that floats."""
+    found = {}
+    for name, matrix in pair.matrices().items():
+        product = transform.T @ (matrix @ transform)
+        terms = abs(transform).T @ (abs(matrix) @ abs(transform))
+        product[abs(product) <= _ROUNDING * terms] = 0.0
+        found[name] = 0.5 * (product + product.T)
+    return found
 
 
 def _pair(found: dict[str, NDArray[np.float64]], labels: tuple[str, ...]) -> Pair:

@@ -324,6 +324,9 @@ def spoilt(folder):
     np.savez(folder / "a.npz", M=ROD_M, K=ROD_K, skew=skew, wide=np.ones((2, 3)), one=np.eye(1),
              less=np.diag([1.0, -1.0, 1.0]), nan=np.diag([1.0, np.nan, 1.0]), soft=-ROD_K,
              complex=1j * ROD_K)  # fmt: skip
+    springs = 1.0e4 / np.arange(3.0, 14.0)
+    steps = np.diff(np.eye(12), axis=0)
+    np.savez(folder / "free.npz", M=np.eye(12), K=steps.T @ np.diag(springs) @ steps)
     (folder / "text.mat").write_text("no MATLAB file")
     (folder / "bad.mtx").write_text("%%MatrixMarket matrix coordinate real general\n2 2 1\n1 x 3\n")
     (folder / "words.inp").write_text("** K\n1,1,1,1,2.0\n1,1,2,1,two\n")
@@ -333,7 +336,7 @@ def spoilt(folder):
     (folder / "late.pch").write_text(
         "$\nDMIG    K              1       1               1       1\n"
     )
-    a = f"{folder}/a.npz"
+    a, free = f"{folder}/a.npz", f"{folder}/free.npz"
 
     def of(stiffness, mass=f"{a}:M", *rest):
         return ["--mass", mass, "--stiffness", str(stiffness), *rest]
@@ -349,6 +352,7 @@ def spoilt(folder):
         "complex DMIG": (of(folder / "complex.pch"), "complex.pch:1: DMIG K: must be real"),
         "no header": (of(folder / "late.pch"), "late.pch:2: DMIG K: its header must come first"),
         "no such name": (of(f"{a}:Q"), "a.npz: has no Q, only K, M, complex"),
+        "no names": (of(f"{SNIPPETS}/rod_STIF1.mtx:K"), "one matrix without a name: leave :K out"),
         "names alike": (of(f"{SNIPPETS}/rod.pch:K"), "has no K, only KAAX, MAAX"),
         "asymmetric": (of(f"{a}:skew"), r"K: must be symmetric; entry \(2, 1\) is -1000"),
         "not square": (of(f"{a}:wide"), r"wide: must be square, has shape \(2, 3\)"),
@@ -365,6 +369,8 @@ def spoilt(folder):
                   "--modes 5: must be from 0 to 2"),
         "nothing kept": (of(f"{a}:K", f"{a}:M", "--modes", "1"), "--modes: needs a dof to keep"),
         "keep": (of(f"{a}:K", f"{a}:M", "--keep", "1"), "--keep: needs --modes"),
+        "floats": (of(free, free, "--joint", "3", "--modes", "2"),
+                   "joint 3: --joint-stiffness must be given, K is zero there"),
         "condense": (of(f"{a}:K", f"{a}:M", "--condense"), "every dof has mass"),
     }  # fmt: skip
 
@@ -377,6 +383,10 @@ def test_bad_input_is_one_line(tmp_path, capsys):
         assert len(said.splitlines()) == 1, (name, said)
         with pytest.raises(AssertionError, match=rule):
             raise AssertionError(said)
+    two_dampings = ["--damping-ratio", "0.01", "--rayleigh", "0", "1e-4"]
+    for damping in (two_dampings, ["--rayleigh", "-1", "0"]):
+        with pytest.raises(SystemExit):
+            main(["ring", "--blades", "6", *damping])
     assert main(["ring", "--blades", "2"]) == 2
     assert main(["ring", "--blades", "24", "--scatter", "2"]) == 2
     assert "makes the stiffness of blade" in capsys.readouterr().err.splitlines()[-1]
