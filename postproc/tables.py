@@ -29,6 +29,13 @@ _STATISTICS = (  # dataset, title, factor into its unit
     ("pseudo_variance_mean", "mean pseudo-variance [m²]", 1.0),
     ("pseudo_variance_mean_time_error", "its time-average error [m²]", 1.0),
 )
+_RATIOS = (  # dataset, title, factor into its unit, digits
+    ("band_ratio", "band ratio", 1.0, ".3f"),
+    ("band_ratio_low", "95 % from", 1.0, ".3f"),
+    ("band_ratio_high", "to", 1.0, ".3f"),
+    ("band_ratio_bias", "bias [%]", 100.0, ".1f"),
+    ("band_ratio_time_error", "time-average error of the band ratio", 1.0, ".2g"),
+)
 _AUDITED = (
     ("slip_mean", "mean time in slip [points]", 1.0),
     ("slip_rms", "of one sample, rms [points]", 1.0),
@@ -290,7 +297,9 @@ def table_statistics(case: Case) -> Table:
     columns = [column for column in _STATISTICS if column[0] in data]
     percentiles = data["percentile"].values if case.has("pseudo_variance_percentiles") else ()
     rows = []
-    n_of_dofs = len(percentiles) + 4 * case.has("band_ratio") + case.has("band_ratio_time_error")
+    ratios: tuple[tuple[str, str, float, str], ...] = ()
+    if len(percentiles) > 1:
+        ratios = tuple(column for column in _RATIOS if case.has(column[0]))
     for i in range(max(case.n_dof, case.n_joints)):
         row = [str(i + 1)]
         here = data.isel({axis: i for axis in ("dof", "joint") if i < data.sizes.get(axis, 0)})
@@ -299,29 +308,20 @@ def table_statistics(case: Case) -> Table:
             for name, _, scale in columns
         ]
         if i >= case.n_dof:  # a joint more than there are dofs
-            rows.append((*row, *[""] * n_of_dofs))
+            rows.append((*row, *[""] * (len(percentiles) + len(ratios))))
             continue
         row += [
             _with_error(here.isel(percentile=k), "pseudo_variance_percentiles")
             for k in range(len(percentiles))
         ]
-        if case.has("band_ratio"):
-            row.append(f"{float(data['band_ratio'][i]):.3f}")
-            low, high = float(data["band_ratio_low"][i]), float(data["band_ratio_high"][i])
-            row += [f"{low:.3f}", f"{high:.3f}"]
-        if case.has("band_ratio_bias"):
-            row.append(f"{100.0 * float(data['band_ratio_bias'][i]):.1f}")
-        if case.has("band_ratio_time_error"):
-            row.append(f"{float(data['band_ratio_time_error'][i]):.2g}")
+        row += [
+            f"{value:{shown}}" if np.isfinite(value := scale * float(here[name])) else "-"
+            for name, _, scale, shown in ratios
+        ]
         rows.append(tuple(row))
     header = ["joint and dof", *(title for _, title, _ in columns)]
     header += [f"pseudo-variance of percentile {level:g} [m²]" for level in percentiles]
-    if case.has("band_ratio"):
-        header += ["band ratio", "95 % from", "to"]
-    if case.has("band_ratio_bias"):
-        header += ["bias [%]"]
-    if case.has("band_ratio_time_error"):
-        header += ["time-average error of the band ratio"]
+    header += [title for _, title, _, _ in ratios]
     title = f"{case.name}: {case.process}, {case.label}, {case.n_samples} samples"
     note = _ERRORS
     if case.has("steady"):

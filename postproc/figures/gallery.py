@@ -10,6 +10,7 @@ from typing import TypeVar
 import xarray as xr
 
 from .. import joints, tradeoff
+from ..harmonic import sweeps_of
 from ..paper.peaks import scatter_of_ln_psd
 from ..paper.printed import LEVELS, is_paper_study
 from ..results import Case, Results
@@ -60,16 +61,16 @@ def of_chain(results: Results) -> Iterator[Figure]:
         force = "the ground moves" if forced is None else f"the force acts on mass {forced}"
         yield Figure(
             "fig_07", "Fig. 7. The chain with its Jenkins elements",
-            f"{n_dof} masses. Springs k1 join neighbours, and the first mass to the wall. A joint"
-            " holds each mass to the ground: a spring k2 in series with a slider under the load N."
-            f" Here {force}.",
+            f"{n_dof} {'mass' if n_dof == 1 else 'masses'}. Springs k1 join neighbours, and the"
+            " first mass to the wall. A joint holds each mass to the ground: a spring k2 in series"
+            f" with a slider under the load N. Here {force}.",
             _CHAIN, (partial(chain_figure.plot_chain, n_dof=n_dof, forced=forced),), height=2.6,
         )  # fmt: skip
 
 
 def of_certain_friction(results: Results) -> Iterator[Figure]:
     """Fig. 8, or the figures of a sweep of the level of the force."""
-    cases = [case for case in results.deterministic if not case.is_sine]
+    cases = _alone(results, results.deterministic)
     spectra = [case for case in cases if case.has_power("psd")]
     if len(cases) > _MOST_SPECTRA:
         yield Figure(
@@ -105,7 +106,7 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
 def of_drawn_friction(results: Results) -> Iterator[Figure]:
     """Figs. 9 to 11, of a campaign."""
     is_paper = is_paper_study(results)
-    random = [case for case in results.random if case.n_samples > 1 and not case.is_sine]
+    random = _alone(results, [case for case in results.random if case.n_samples > 1])
     scattered = [case for case in random if case.has("slip_mean", "slip_std")]
     if not is_paper:
         yield from _along(results, random)
@@ -164,16 +165,36 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
         )  # fmt: skip
 
 
+def _alone(results: Results, cases: Sequence[Case]) -> list[Case]:
+    """Those that are no part of a frequency response."""
+    swept = {case.name for sweep in sweeps_of(results) for case in sweep.cases}
+    return [case for case in cases if case.name not in swept]
+
+
+def _told_apart(cases: list[Case]) -> list[Case]:
+    """All, or those of the largest std: every process at as many levels of the force as fit."""
+    if len(cases) <= _MOST_LINES:
+        return cases
+    largest = max(case.std for case in cases)
+    cases = [case for case in cases if case.std == largest]
+    levels = sorted({case.strength for case in cases})
+    n_levels = _MOST_LINES // len({case.process for case in cases})
+    levels = style.some_of(levels, n_levels) if n_levels > 1 else levels[-1:]
+    return style.some_of([case for case in cases if case.strength in levels], _MOST_LINES)
+
+
 def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
     """Joints and dofs along the structure, from its first to its last."""
     for quantity in joints.QUANTITIES:
-        own = style.some_of([case for case in cases if quantity.is_in(case)], _MOST_LINES)
+        there = [case for case in cases if case.n_joints > 1 and quantity.is_in(case)]
+        own = _told_apart(there)
         if own:
+            some = f" {len(own)} of {len(there)} cases." if len(own) < len(there) else ""
             yield Figure(
                 f"along_{quantity.name}",
                 f"{quantity.title[0].upper()}{quantity.title[1:]} along the structure",
                 "Mean over samples of each joint. Bars are 95 % intervals,"
-                f" {quantity.errors(own)}.",
+                f" {quantity.errors(own)}.{some}",
                 _STUDY,
                 (partial(study_figures.plot_along, cases=own, quantity=quantity),),
             )  # fmt: skip
@@ -200,9 +221,10 @@ def of_responses(results: Results) -> Iterator[Figure]:
             )  # fmt: skip
         if not case.has("displacement", "velocity", "time"):
             continue
+        sample = f"sample {int(case.data['sample'][0])}"
         yield Figure(
             f"history_{case.name}", f"Displacements, {name}",
-            "History of the first sample, at most its last minute.",
+            f"History of {sample}, at most its last minute.",
             _RESPONSES,
             (partial(response_figures.plot_history, case=case, results=results),), height=3.2,
         )  # fmt: skip
@@ -213,8 +235,8 @@ def of_responses(results: Results) -> Iterator[Figure]:
         if loops:
             yield Figure(
                 f"hysteresis_{case.name}", f"Hysteresis loops, {name}",
-                "Force over displacement of the joints that dissipate most, in the first sample,"
-                " at most its last 10 s. The area of a loop is the energy that it dissipates.",
+                f"Force over displacement of the joints that dissipate most, in {sample}, at most"
+                " its last 10 s. The area of a loop is the energy that it dissipates.",
                 _RESPONSES,
                 tuple(
                     partial(

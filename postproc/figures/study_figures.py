@@ -304,6 +304,8 @@ def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> N
 
 def force_axis(case: Case) -> str:
     """Label of an axis of levels of the force."""
+    if case.is_sine:
+        return "amplitude of the " + ("ground [m/s²]" if case.is_base else "force [N]")
     if not case.variance:
         return "factor of the force"
     return "variance of the " + ("ground [m²/s⁴]" if case.is_base else "force [N²]")

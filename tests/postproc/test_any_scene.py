@@ -11,6 +11,7 @@ from scipy.io import mmwrite
 
 from entroslip import open_results
 from entroslip.__main__ import main
+from entroslip.figures.gallery import make_figures
 from entroslip.figures.response_figures import find_episode, joint_force
 from tests.conftest import INPUT_SCENES, shortened
 
@@ -56,7 +57,14 @@ SCENES = {
     "one oscillator": (
         PROCESS + "&chain n_dof = 1 /\n" + FORCE + SHORT + CAMPAIGN
         + "&output segment_length = 256 /\n",
-        {"fig_07", "fig_09a", "fig_10a", "fig_11a"} | ALONG,
+        {"fig_07", "fig_09a", "fig_10a", "fig_11a"},
+    ),
+    "sines of one frequency": (
+        PROCESS + "&chain n_dof = 3 /\n&excitation kind = 'sine' frequency = 1.0"
+        " amplitude = 2.0, 5.0, 10.0, 20.0, 40.0 /\n"
+        "&integration method = 'event' n_steps = 4000 /\n"
+        "&campaign n_samples = 3 deterministic = .true. /\n",
+        {"fig_07", "fig_09a", "sweep"} | ALONG - {"along_displacement"},
     ),
     "some masses kept, by regression": (
         PROCESS + "&chain n_dof = 9 /\n" + FORCE + SHORT
@@ -136,6 +144,23 @@ def test_a_structure_at_rest_is_drawn(results_of_scene, tmp_path):
     assert not (tmp_path / "tradeoff" / "tradeoff.png").exists()
 
 
+def test_lines_along_the_structure_are_every_process_at_every_level(results_of_scene):
+    """Six of twelve, drawn as they came, were one level of some processes, the other of others."""
+    text = (
+        "&process correlation_length = 0.0, 0.3, 1.0 order = 2 mean = 0.2 std = 0.04, 0.067 /\n"
+        "&chain n_dof = 3 /\n&excitation variance = 4.0, 41.1 /\n" + SHORT + CAMPAIGN
+        + "&output quantities = 'slip' /\n"
+    )  # fmt: skip
+    figures = {
+        figure.name: figure for figure in make_figures([open_results(results_of_scene(text))])
+    }
+    drawn = figures["along_slip"].panels[0].keywords["cases"]
+    assert {case.std for case in drawn} == {0.067}
+    lines = {(case.correlation_length, case.variance) for case in drawn}
+    assert lines == {(length, level) for length in (0.0, 0.3, 1.0) for level in (4.0, 41.1)}
+    assert figures["along_slip"].caption.endswith(" 6 of 12 cases.")
+
+
 def test_a_joint_between_two_dofs_has_no_ratio_of_bands(results_of_scene, tmp_path):
     """Fig. 11 set the band of dof i over the slip of joint i, wherever that joint is."""
     for name, matrix in (("M", np.eye(2)), ("K", np.array([[50.0, -25.0], [-25.0, 25.0]]))):
@@ -157,6 +182,7 @@ def replayed(results_of_scene):
 
 def test_a_replayed_sample_is_drawn(replayed, tmp_path):
     assert main([str(replayed), "--out", str(tmp_path)]) == 0
+    assert "History of sample 2, at most" in (tmp_path / "report.html").read_text()
     drawn = {path.stem for path in tmp_path.glob("*.png")}
     assert drawn == {
         "fig_07", "history_c001", "hysteresis_c001", "spectra_c001", "transition_c001",
