@@ -118,7 +118,13 @@ def _chosen(path: Path, found: Mapping[str, Any], wanted: str, letter: str) -> s
             raise InputError(f"{path}: has no {wanted}, only {_listed(found)}")
         return wanted
     if len(found) == 1:
-        return next(iter(found))
+        (key,) = found
+        other = next((is_of for is_of, names in _NAMES.items() if key.lower() in names), letter)
+        if other != letter:
+            raise InputError(
+                f"{path}: {key} is {other} by its name; FILE:NAME takes it as {letter}"
+            )
+        return key
     called = [key for key in found if key.rpartition(".")[2].lower() in _NAMES[letter]]
     if len(called) != 1:
         raise InputError(f"{path}: which is {letter}? FILE:NAME says it, of {_listed(found)}")

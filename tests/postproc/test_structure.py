@@ -164,7 +164,8 @@ def test_dmig_in_free_fields_is_read(tmp_path):
         "DMIG,K,0,1,1,0,,,2\nDMIG,K,1,0,,1,0,4.0,,\n+,2,0,-1.\nDMIG,K,2,0,,1,0,-1.,,\n,2,0,3.+0\n"
     )
     (tmp_path / "free.pch").write_text(text)
-    pair = read_pair(str(tmp_path / "free.pch"), str(tmp_path / "free.pch"))
+    path = str(tmp_path / "free.pch")
+    pair = read_pair(f"{path}:K", path)  # no mass, whatever it is taken as
     np.testing.assert_array_equal(pair.stiffness.toarray(), [[4.0, -1.0], [-1.0, 3.0]])
 
 
@@ -324,6 +325,7 @@ def spoilt(folder):
     np.savez(folder / "a.npz", M=ROD_M, K=ROD_K, skew=skew, wide=np.ones((2, 3)), one=np.eye(1),
              less=np.diag([1.0, -1.0, 1.0]), nan=np.diag([1.0, np.nan, 1.0]), soft=-ROD_K,
              complex=1j * ROD_K)  # fmt: skip
+    np.savez(folder / "K.npz", K=ROD_K)
     springs = 1.0e4 / np.arange(3.0, 14.0)
     steps = np.diff(np.eye(12), axis=0)
     np.savez(folder / "free.npz", M=np.eye(12), K=steps.T @ np.diag(springs) @ steps)
@@ -354,6 +356,7 @@ def spoilt(folder):
         "no such name": (of(f"{a}:Q"), "a.npz: has no Q, only K, M, complex"),
         "no names": (of(f"{SNIPPETS}/rod_STIF1.mtx:K"), "one matrix without a name: leave :K out"),
         "names alike": (of(f"{SNIPPETS}/rod.pch:K"), "has no K, only KAAX, MAAX"),
+        "another's name": (of(f"{folder}/K.npz", f"{folder}/K.npz"), "K.npz: K is K by its name;"),
         "asymmetric": (of(f"{a}:skew"), r"K: must be symmetric; entry \(2, 1\) is -1000"),
         "not square": (of(f"{a}:wide"), r"wide: must be square, has shape \(2, 3\)"),
         "complex": (of(f"{a}:complex"), "must be real numbers, is complex128"),
