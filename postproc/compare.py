@@ -40,6 +40,7 @@ _REQUEST = (
     "mean", "positive", "sampler", "branch_asked", "simulation",
 )  # fmt: skip
 _MOST_NAMED = 5  # datasets and attributes that differ
+_MOST_DRAWN = 6  # cases
 _NEGLIGIBLE_POWER = 1.0e-4  # share of the mean spectrum beyond the frequencies that are drawn
 
 
@@ -283,6 +284,16 @@ def change_figures(pairs: Sequence[Pair]) -> list[Figure]:
     return figures
 
 
+def most_changed(pairs: Sequence[Pair]) -> list[Pair]:
+    """As many as can be drawn: those whose mean time in slip changes most."""
+    largest = []
+    for pair in pairs:
+        slip = pair.samples("slip_fraction")
+        largest.append(0.0 if slip is None else float(abs(slip[1].mean(0) - slip[0].mean(0)).max()))
+    places = np.argsort(largest, kind="stable")[-_MOST_DRAWN:]
+    return [pairs[i] for i in sorted(places)]
+
+
 def _draw_slip(pairs: Sequence[Pair], axes: Axes) -> None:
     width = 0.6 / len(pairs)
     for rank, pair in enumerate(pairs):
@@ -342,8 +353,11 @@ def compare(before: Results, after: Results, folder: Path | None) -> str:
     written = []
     if folder is not None:
         table.write_csv(folder)
-        figures = [figure.save(folder).name for figure in change_figures(pairs)]
+        drawn = most_changed(pairs)
+        figures = [figure.save(folder).name for figure in change_figures(drawn)]
         written = [f"{', '.join(['comparison.csv', *figures])} in {folder}"]
+        if len(drawn) < len(pairs):
+            written += [f"Drawn: the {len(drawn)} of {len(pairs)} cases whose slip changes most."]
     return "\n".join([*lines_of(table), "", *written, table.note, bits])
 
 

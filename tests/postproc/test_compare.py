@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from entroslip.__main__ import main
-from entroslip.compare import change_table, mean_change, pair_cases, std_change
+from entroslip.compare import change_table, mean_change, most_changed, pair_cases, std_change
 from entroslip.decision import table_designs
 from entroslip.output import InputError
 from entroslip.results import Case, Results
@@ -144,6 +144,15 @@ def test_each_pseudo_variance_is_by_the_frequencies_of_its_own_file(pair):
     assert found.spectra() is None
     (found,) = pair_cases(before, design(pair[1], psd=psd[:, :3]))
     assert [values.shape for values in found.spectra()] == [(400, 3, 3)] * 2
+
+
+def test_the_cases_that_change_most_are_drawn(pair):
+    """Legend and panels of every case of a sweep of sines left no room for a curve."""
+    shifts = 0.1 * np.array([3, 1, 9, -8, 2, 7, 5, 6])
+    pairs = [pair_cases(design(pair[0]), design(pair[0] + shift))[0] for shift in shifts]
+    places = {id(one): place for place, one in enumerate(pairs)}
+    assert [places[id(one)] for one in most_changed(pairs)] == [0, 2, 3, 5, 6, 7]
+    assert [places[id(one)] for one in most_changed(pairs[:2])] == [0, 1]
 
 
 def test_structures_with_other_joints_are_refused(pair):
