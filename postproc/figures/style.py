@@ -84,12 +84,16 @@ def some_of(
 
 
 def of_length(length: float, lengths: Iterable[float]) -> Look:
-    """Colour and mark of a correlation length: the paper's have their own in every figure."""
-    others = sorted(set(lengths) - set(LENGTHS))
-    if length in LENGTHS:
-        index = LENGTHS.index(length)
-    else:
-        index = (len(LENGTHS) + others.index(length)) % len(_COLOURS)
+    """Colour and mark of a correlation length.
+
+    The paper's have their own in every figure; of more lengths than colours each has a shade.
+    """
+    every = sorted(set(lengths))
+    others = [one for one in every if one not in LENGTHS]
+    if len(LENGTHS) + len(others) > len(_COLOURS):
+        rank = every.index(length)
+        return {"color": _shade(rank / (len(every) - 1)), "marker": _MARKS[rank % len(_MARKS)]}
+    index = [*LENGTHS, *others].index(length)
     return {"color": _COLOURS[index], "marker": _MARKS[index]}
 
 

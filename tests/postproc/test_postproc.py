@@ -164,6 +164,8 @@ def test_one_look_for_one_thing():
 
     assert style.of_length(1.0, [1.0]) == style.of_length(1.0, [0.3, 1.0, 3.0, 7.0])
     assert style.of_length(7.0, [7.0]) != style.of_length(0.3, [0.3])
+    many = [0.3, *np.arange(12.0)]  # the ninth had the colour and the mark of the second
+    assert len({str(style.of_length(length, many)) for length in many}) == 13
     looks = [style.of_dof(dof, 5) for dof in range(1, 6)]
     for trait in ("color", "marker", "linestyle"):
         assert len({str(look[trait]) for look in looks}) == 5
