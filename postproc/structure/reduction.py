@@ -15,6 +15,9 @@ from .pair import Matrix, Pair, massless, start
 
 _DENSE = 600  # inner dofs up to which all their modes are computed at once
 _ROUNDING = 1.0e-14  # of the largest 1/omega^2: a direction without mass; of the terms of a sum
+_LOOSE = (
+    "K: the dofs that are not kept can move without force while the others are held: keep more dofs"
+)
 
 
 def craig_bampton(pair: Pair, kept: Sequence[str], n_modes: int) -> Pair:
@@ -79,10 +82,7 @@ def _follow(
         shapes = np.full(coupling.shape, np.nan)
     residual = abs(stiffness @ shapes + coupling).max(initial=0.0)
     if not residual <= 1.0e-6 * abs(coupling).max(initial=0.0):
-        raise InputError(
-            "K: the dofs that are not kept can move without force while the others are held: keep"
-            " more dofs"
-        )
+        raise InputError(_LOOSE)
     return np.asarray(shapes)
 
 
@@ -108,7 +108,7 @@ def _modes(
     except (np.linalg.LinAlgError, RuntimeError, spla.ArpackError):
         squares, vectors = np.full(1, -1.0), np.zeros((size, count))
     if (squares <= 0.0).any():
-        raise InputError("K: of the dofs that are not kept must be positive definite")
+        raise InputError(_LOOSE)
     if vectors.shape[1] < count:
         raise InputError(f"--modes {count}: the dofs that are not kept have mass for"
                          f" {vectors.shape[1]} modes")  # fmt: skip

@@ -326,6 +326,8 @@ def spoilt(folder):
              less=np.diag([1.0, -1.0, 1.0]), nan=np.diag([1.0, np.nan, 1.0]), soft=-ROD_K,
              complex=1j * ROD_K)  # fmt: skip
     np.savez(folder / "K.npz", K=ROD_K)
+    loose = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -1.0], [0.0, -1.0, 1.0]])
+    np.savez(folder / "loose.npz", K=loose)
     springs = 1.0e4 / np.arange(3.0, 14.0)
     steps = np.diff(np.eye(12), axis=0)
     np.savez(folder / "free.npz", M=np.eye(12), K=steps.T @ np.diag(springs) @ steps)
@@ -374,6 +376,8 @@ def spoilt(folder):
         "keep": (of(f"{a}:K", f"{a}:M", "--keep", "1"), "--keep: needs --modes"),
         "floats": (of(free, free, "--joint", "3", "--modes", "2"),
                    "joint 3: --joint-stiffness must be given, K is zero there"),
+        "loose": (of(f"{folder}/loose.npz", f"{a}:M", "--joint", "1", "--modes", "1"),
+                  "the dofs that are not kept can move without force .*: keep more dofs"),
         "condense": (of(f"{a}:K", f"{a}:M", "--condense"), "every dof has mass"),
     }  # fmt: skip
 
