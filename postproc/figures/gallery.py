@@ -115,7 +115,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
             "Standard deviation over samples of the time in slip, over its mean. Each joint has a"
             f" mark with its number{looks.marks_of_levels(cases)}. Bars are 95 % intervals,"
-            " of the mean with Monte Carlo and time average together. Pale marks: plain sampling."
+            f" of the mean with Monte Carlo and time average together.{_pale(cases)}"
             " Look for where the marks are highest, and whether the lengths differ.",
             _STUDY, (partial(study_figures.plot_slip_scatter, cases=cases, is_paper=is_paper),),
             ("1a", "1b", "2a", "2b"),
@@ -157,9 +157,9 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
             "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean time"
             f" in slip. Each joint has a mark with its number{looks.marks_of_levels(cases)}"
-            ". Bars are 95 % intervals, Monte Carlo and time average together. Pale marks: plain"
-            " sampling. Look for a fall with the time in slip, and whether the lengths differ"
-            " where it is long.",
+            f". Bars are 95 % intervals, Monte Carlo and time average together.{_pale(cases)}"
+            " Look for a fall with the time in slip, and whether the lengths differ where it is"
+            " long.",
             _STUDY, (partial(study_figures.plot_band_ratio, cases=cases),),
             ("3a", "3b", "4a", "4b", "4c"),
         )  # fmt: skip
@@ -290,6 +290,12 @@ def _welch(case: Case) -> str:
         f"Welch's method, {n_segments} {segments}: a bin scatters by"
         f" {100 * error:.0f} % with the force record."
     )
+
+
+def _pale(cases: Sequence[Case]) -> str:
+    """What pale marks are, where a regression made estimates of its own."""
+    is_drawn = any(case.plain is not None for case in cases)
+    return " Pale marks: plain sampling." if is_drawn else ""
 
 
 def _lettered(items: Sequence[_Item]) -> Iterator[tuple[str, _Item]]:

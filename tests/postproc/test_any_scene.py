@@ -115,7 +115,8 @@ def test_a_scene_is_drawn(results_of_scene, tmp_path, scene):
     text, wanted = SCENES[scene]
     assert main([str(results_of_scene(text)), "--out", str(tmp_path)]) == 0
     assert {path.stem for path in tmp_path.glob("*.png")} == wanted
-    assert (tmp_path / "report.html").exists()
+    report = (tmp_path / "report.html").read_text()
+    assert ("Pale marks" in report) == ("by regression" in scene)
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning", "error::UserWarning")
