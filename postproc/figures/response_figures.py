@@ -146,14 +146,13 @@ def joint_force(
     position = _hermite(steps, place, speed, every)
     stiffness = float(structure["joint_stiffness"][joint - 1])
     limit = _limit(case, structure, joint)
-    force = stiffness * position  # sliders start at zero, stuck
-    for i, (time, kind) in enumerate(zip(times, kinds, strict=True)):
-        later = every >= time
-        if kind != 0:
-            force[later] = kind * limit
-        elif i > 0:
-            at_stick = np.interp(time, every, position)
-            force[later] = kinds[i - 1] * limit + stiffness * (position[later] - at_stick)
+    kinds = np.concatenate([[0], kinds])  # sliders start at zero, stuck
+    at_stick = np.interp(times, every, position)
+    left = np.where(kinds[:-1] != 0, kinds[:-1] * limit - stiffness * at_stick, 0.0)
+    slider = np.concatenate([[0.0], left])
+    now = np.searchsorted(times, every, side="right")  # transitions before
+    slips = kinds[now] != 0
+    force = np.where(slips, kinds[now] * limit, stiffness * position + slider[now])
     return every, position, force
 
 
