@@ -52,7 +52,7 @@ module process_estimate
       real(wp) :: std = 0.0_wp, std_error = 0.0_wp
       real(wp) :: std_of_lines = 0.0_wp         !! of the means of two records or more
       real(wp) :: l0 = 0.0_wp, l0_error = 0.0_wp, l0_range(2) = 0.0_wp   !! [lags]
-      real(wp) :: longest = 0.0_wp              !! L0 of the candidates [lags]
+      real(wp) :: longest = 0.0_wp              !! L0 of the candidates of its order [lags]
       real(wp) :: l1 = 0.0_wp, l1_error = 0.0_wp, l1_range(2) = 0.0_wp   !! [lags]
       real(wp) :: correlation(lags_tested) = 0.0_wp   !! of the values, lags 1.. [1]
       real(wp) :: expected(lags_tested) = 0.0_wp      !! of the process [1]
@@ -103,7 +103,7 @@ contains
       if (allocated(error)) return
       call fit_columns(values, pieces, candidates, found, error)
       if (allocated(error)) return
-      estimate%longest = maxval(candidates%l0)
+      estimate%longest = maxval(candidates%l0, mask=candidates%order == found%order(1))
 
       estimate%mean = found%mean(1)
       estimate%std = found%std(1)
@@ -188,31 +188,34 @@ contains
       end do
    end function longest_span
 
-   !> Lists white noise, then every order with L0 from the shortest to the longest; the longest is a
-   !> third of the number of values at most.
+   !> Lists white noise, then every order with L0 from the shortest to the longest. L1 is a third of
+   !! the number of values at most: a longer correlation is hardly told from another mean.
    subroutine list_candidates(n_values, n_lags, candidates, error)
       integer, intent(in) :: n_values, n_lags
       type(candidate_type), allocatable, intent(out) :: candidates(:)
       type(error_type), allocatable, intent(out) :: error
+      type(candidate_type) :: candidate
       type(correlation_sums) :: sums
       real(wp), allocatable :: kappa(:)
-      integer :: i, k, n_lengths
+      integer :: i, k
 
-      n_lengths = 1 + nint(lengths_per_decade*log10(min(longest, n_values/3.0_wp)/shortest))
-      allocate (candidates(1 + size(orders)*n_lengths))
-      candidates%order = [1, ((orders(i), k=1, n_lengths), i=1, size(orders))]
-      candidates%l0 = [0.0_wp, ((shortest*10.0_wp**(real(k, wp)/lengths_per_decade), &
-                                 k=0, n_lengths - 1), i=1, size(orders))]
-      do i = 1, size(candidates)
-         associate (candidate => candidates(i))
+      candidate%order = 1
+      allocate (candidate%correlation(0:n_lags), source=0.0_wp)
+      candidate%correlation(0) = 1.0_wp
+      candidates = [candidate]
+      do i = 1, size(orders)
+         candidate%order = orders(i)
+         do k = 0, nint(lengths_per_decade*log10(longest/shortest))
+            candidate%l0 = shortest*10.0_wp**(real(k, wp)/lengths_per_decade)
             call optimal_reflection(process_request(correlation_length=candidate%l0, &
                                                     order=candidate%order), kappa, error)
             if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
             if (allocated(error)) return
             candidate%l1 = sums%l1
-            allocate (candidate%correlation(0:n_lags))
+            if (candidate%l1 > n_values/3.0_wp) exit
             candidate%correlation(:) = autocovariance_of(kappa, n_lags)
-         end associate
+            candidates = [candidates, candidate]
+         end do
       end do
    end subroutine list_candidates
 
