@@ -6,7 +6,7 @@ module driver_estimate
    use core_error, only: error_type, exit_bad_input, exit_done, exit_file, raise
    use core_kinds, only: long, wp
    use core_terminal, only: say
-   use core_text, only: brief, counted, labelled, shell_word, to_text
+   use core_text, only: brief, counted, labelled, rounded_text, shell_word, to_text
    use driver_campaign, only: tell_folder
    use driver_command_line, only: command_line
    use io_files, only: exists, folder_of, make_folder, sync_file
@@ -98,7 +98,7 @@ contains
       text = labelled('values', counted(found%n_values, 'value', 'values')//' in '// &
                       counted(found%n_records, 'record', 'records')//', '// &
                       counted(found%n_gaps, 'gap', 'gaps')) &
-             //labelled('mean', with_error(found%mean, found%mean_error)) &
+             //labelled('mean', mean_text(found)//' +- '//brief(found%mean_error)) &
              //labelled('std', with_error(found%std, found%std_error)) &
              //labelled('L0', with_range(found%l0, found%l0_error, found%l0_range)) &
              //labelled('L1', with_range(found%l1, found%l1_error, found%l1_range)) &
@@ -139,6 +139,17 @@ contains
              shell_word(data)//' --out figures'
    end function how_to_draw
 
+   !> The mean to two digits of its error, and to three of its own at least.
+   pure function mean_text(found) result(text)
+      type(process_estimate_type), intent(in) :: found
+      character(:), allocatable :: text
+
+      associate (mean => found%mean, error => found%mean_error)
+         text = rounded_text(mean, max(3, 2 + floor(log10(max(abs(mean), error))) &
+                                       - floor(log10(error))))
+      end associate
+   end function mean_text
+
    pure function with_error(value, error) result(text)
       real(wp), intent(in) :: value, error
       character(:), allocatable :: text
@@ -174,7 +185,7 @@ contains
 
       associate (request => found%request)
          text = '! estimated from '//counted(found%n_values, 'value', 'values')//' of '//path// &
-                lf//'&process'//lf//'  mean = '//brief(request%mean)//'  std = '// &
+                lf//'&process'//lf//'  mean = '//mean_text(found)//'  std = '// &
                 brief(request%std)//lf//'  correlation_length = '// &
                 brief(request%correlation_length)//'  order = '//to_text(request%order)//lf// &
                 '  positive = '//to_text(request%positive)//lf//'/'//lf

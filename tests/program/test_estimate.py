@@ -43,6 +43,17 @@ def test_a_column_is_one_record_and_the_group_is_printed(entroslip, data):
     assert entroslip("estimate", data, ranks=2).stdout == done.stdout  # the same on any ranks
 
 
+def test_a_mean_of_many_stds_keeps_its_digits(entroslip, data):
+    """Three digits of it were nine stds away: 123 for 123.47."""
+    values = 123.47 + 0.05 * np.array([-1, 1, 0, 0.4, 1.6, -1.4, -0.6, 0.5, 0, -0.4])
+    np.savetxt(data, values)
+    done = entroslip("estimate", data)
+    printed, error = re.search(r"mean +(\S+) \+- (\S+)", done.stdout).groups()
+    written = re.search(r"mean = (\S+)", done.stdout)[1]
+    assert printed == written
+    assert abs(float(written) - values.mean()) < float(error)
+
+
 def test_correlations_end_with_the_longest_record(entroslip, data):
     """Lags that no two values of a record have were printed as 0."""
     data.write_text("0.31 0.29 0.33 0.30 0.28\n0.33 0.35 0.27 0.30 0.31\n")
