@@ -1,6 +1,7 @@
 !> `entroslip check`: a scene read and checked, and what running it would mean. Writes nothing.
 module driver_check
    use campaign_plan, only: plan_type
+   use campaign_pooling, only: fewest_samples
    use campaign_samples_needed, only: find_need, slip_error, statistical_error
    use campaign_size, only: refuse_oversize
    use config_scene, only: scene_type
@@ -128,27 +129,34 @@ contains
                             .true., measured, is_stopped, error)
       call world%stop_on(error)
       if (is_stopped) call stop_world(exit_stopped)
-      text = need_text(plan, slip_error_to_come(plan, measured), nanoseconds, world%n_ranks)
+      text = need_text(plan, measured, nanoseconds, world%n_ranks)
    end subroutine foresee_need
 
-   !> The standard error to come, and what the target takes where that is more than the scene has.
-   pure function need_text(plan, error, nanoseconds, n_ranks) result(text)
+   !> The standard error to come, and what the target takes where that is more than the scene has:
+   !! by a regression where more samples lead to one.
+   pure function need_text(plan, measured, nanoseconds, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
-      type(slip_error), intent(in) :: error
+      type(tradeoff_type), intent(in) :: measured
       real(wp), intent(in) :: nanoseconds
       integer, intent(in) :: n_ranks
       character(:), allocatable :: text
+      type(plan_type) :: larger
+      type(slip_error) :: error
       integer(long) :: n_samples, n_steps
       real(wp) :: more, seconds
 
-      associate (how => plan%integration, wanted => plan%accuracy%target_statistical)
+      associate (how => plan%integration, wanted => plan%accuracy%target_statistical, &
+                 n_now => plan%cases%n_samples)
+         error = slip_error_to_come(plan, measured)
          text = 'target_statistical = '//brief(wanted)//': a standard error of about '// &
                 brief(statistical_error(error))//' points is foreseen'
          if (statistical_error(error) > wanted) then
+            larger = plan
+            larger%cases%n_samples = max(fewest_samples, n_now)
+            error = slip_error_to_come(larger, measured)
             call find_need(error, wanted, how%n_steps - how%n_discard, n_samples, n_steps)
-            more = real(n_samples, wp)/error%n_samples*(n_steps + how%n_discard)/how%n_steps
-            seconds = 1.0e-9_wp*nanoseconds*more*how%n_steps &
-                      *sum(real(plan%cases%n_samples, wp))/n_ranks
+            more = real(n_samples, wp)/maxval(n_now)*(n_steps + how%n_discard)/how%n_steps
+            seconds = 1.0e-9_wp*nanoseconds*more*how%n_steps*sum(real(n_now, wp))/n_ranks
             text = text//'; '//need_words(plan, error, ', '//duration(seconds))
          end if
       end associate

@@ -188,6 +188,8 @@ contains
          call find_need(error, wanted, how%n_steps - how%n_discard, n_samples, n_steps)
          text = 'about '//to_text(n_samples)//' samples and '//to_text(n_steps + how%n_discard)// &
                 ' steps would do'//duration
+         if (error%n_cases > 0 .and. error%n_samples < fewest_samples) text = text// &
+            ' (a regression needs fewer, from '//to_text(fewest_samples)//' samples on)'
          if (allocated(plan%values)) then
             if (n_samples > size(plan%values, 2)) text = text//' (process%values has '// &
                                                          to_text(size(plan%values, 2))//')'

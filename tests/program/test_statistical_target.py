@@ -86,17 +86,23 @@ def test_a_regression_meets_the_target_with_fewer_samples(entroslip, tmp_path):
         assert standard_errors(case) <= 0.25
         assert n * (standard_errors(case["plain"]) / 0.25) ** 2 > 10 * n
     plain = ("--set", "campaign%estimator='plain'")
+    eight = ("--set", "campaign%n_samples=8")  # too few of their own for a regression
     foreseen = [
         int(re.search(r"about (\d+) samples", " ".join(said.split())).group(1))
-        for said in (entroslip("check", "paper.nml", *more).stdout for more in ((), plain))
+        for said in (entroslip("check", "paper.nml", *more).stdout for more in ((), plain, eight))
     ]
     assert n / 2 <= foreseen[0] <= 4 * n
     assert foreseen[1] > 10 * foreseen[0]
+    assert n / 2 <= foreseen[2] <= 4 * n
     few = entroslip("run", "paper.nml", "--output", "few.h5",
                     "--set", "accuracy%sample_until_met=.false.",
                     "--set", "excitation%per_sample=.false.")  # fmt: skip
     assert few.returncode == 4
     assert "samples with excitation%per_sample = .true." in few.stderr
+    assert "a regression needs fewer" not in few.stderr
+    fewer = entroslip("run", "paper.nml", "--output", "fewer.h5", *eight,
+                      "--set", "accuracy%sample_until_met=.false.")  # fmt: skip
+    assert "would do (a regression needs fewer, from 20 samples on)" in fewer.stderr
 
 
 def test_what_samples_cannot_mend_is_told(entroslip, scene, tmp_path):
