@@ -123,10 +123,11 @@ contains
       call find_limit(one, .true., limit, error)
       if (allocated(error)) return
       one%std = min(request%std, inside*limit*request%mean)
-      call match_branch(one, .true., first, error)
-      if (allocated(error)) return
-      decay = first%memory
+      decay = 0.0_wp
       do pass = 1, max_passes
+         call match_branch(one, .true., first, error)
+         if (allocated(error)) return
+         decay = max(decay, first%memory)
          call begin(request, seed, law, error, decay)
          if (allocated(error)) return
          law%family%kind = merge(by_precision, by_coefficients, law%problem%is_exact)
@@ -135,6 +136,10 @@ contains
          law%last%moments%std = first%std
          call law%settle()
          call climb(law, one%std/request%mean, request%std/request%mean, limit)
+         if (.not. limit > 0.0_wp .and. .not. law%is_exhausted()) then
+            one%std = 0.8_wp*one%std   ! a climb from further below
+            cycle
+         end if
          if (law%found%is_converged) call adopt_signs(law)
          if (.not. law%found%is_converged) exit
          if (fades(law)) return
