@@ -127,6 +127,7 @@ contains
             if (self%is_beyond(p, which)) &
                percentile(p, which) = end_beyond(sorted, self%share_below(p), which == high)
          end do
+         percentile(:, which) = percentile(sort_order(percentile(:, which)), which)
       end do
       self%sums(:, column, group) = sums_of(values)
       self%at(column, :, :) = self%at(column, :, :) &

@@ -8,7 +8,7 @@ module statistics_estimates
    private
    public :: statistic_type, numbers_of_statistic, estimates_type, blank_estimates, &
              downward_error, end_beyond, inverse_density, plain_deviation, plain_mean, &
-             plain_percentile, stated_error, student_factor, two_sided, upward_error
+             plain_percentile, stated_error, student_factor, two_sided, uncross, upward_error
 
    real(wp), parameter :: two_sided = 1.959964_wp   !! standard errors of a 95 % interval
    real(wp), parameter :: least_stretch = 0.5_wp   !! where samples tie; a blend with a fit does not
@@ -118,6 +118,18 @@ contains
                                      slope_between(sorted, rank, rank + two_sided*scatter)]/slope)
       end do
    end function plain_percentile
+
+   !> Puts estimates of ascending percentiles, and the ends of their intervals, into ascending
+   !! order: that brings them nearer to the truth (Chernozhukov, Fernandez-Val and Galichon 2010).
+   pure subroutine uncross(percentiles)
+      type(statistic_type), intent(inout) :: percentiles(:)
+
+      associate (value => percentiles%value, low => percentiles%low, high => percentiles%high)
+         value = value(sort_order(value))
+         low = low(sort_order(low))
+         high = high(sort_order(high))
+      end associate
+   end subroutine uncross
 
    !> End of the interval of a percentile of numbers that are not negative where no order statistic
    !> is far enough out. Of their roots it is the farther of two: as many standard errors away, with

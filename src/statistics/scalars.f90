@@ -5,7 +5,8 @@ module statistics_scalars
    use core_kinds, only: wp
    use statistics_blend, only: join
    use statistics_estimates, only: estimates_type, inverse_density, plain_deviation, plain_mean, &
-                                   plain_percentile, statistic_type, two_sided, upward_error
+                                   plain_percentile, statistic_type, two_sided, uncross, &
+                                   upward_error
    use statistics_influences, only: view_law, view_type, width_of
    use statistics_kernel_choice, only: learn_kernel
    use statistics_law, only: choose_points, law_type, n_points
@@ -134,6 +135,9 @@ contains
                best(i, 1 + p) = statistic_type(unbend(both%value(i), is_fraction(i)), &
                                                low=ends(1), high=ends(2), ratio=both%ratio(i))
             end do
+         end do
+         do i = 1, size(y, 2)
+            call uncross(best(i, 2:1 + size(share_below)))
          end do
       end subroutine estimate_percentiles
 

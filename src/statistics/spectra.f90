@@ -8,7 +8,8 @@ module statistics_spectra
    use numerics_sorting, only: sort_order
    use statistics_blend, only: join, state_error
    use statistics_estimates, only: downward_error, estimates_type, inverse_density, plain_mean, &
-                                   plain_percentile, statistic_type, two_sided, upward_error
+                                   plain_percentile, statistic_type, two_sided, uncross, &
+                                   upward_error
    use statistics_influences, only: thin_view, view_law, view_type, width_of
    use statistics_kernel_choice, only: learn_kernel
    use statistics_law, only: choose_points, error_of_points, law_type, n_points
@@ -114,6 +115,12 @@ contains
                                          sums(s), power(:, s))
                if (allocated(error)) return
             end do
+            do f = first, last
+               call uncross(spectrum(f, 2:size(sums)))
+            end do
+            do s = 2, size(sums)
+               sums(s)%value = sums(s)%value + step*sum(spectrum(first:last, s)%value)
+            end do
             deallocate (ranking, width)
          end do
          n = size(sums)
@@ -204,7 +211,6 @@ contains
          best%high = exp(both%value + two_sided*both%stated*both%stretch(2, :))
          best%ratio = both%ratio
          call add_to(integral, both, theirs, step*best%value, step*exp(theirs%value))
-         integral%value = integral%value + step*sum(best%value)
       end subroutine estimate_percentiles
 
       !> Computes the ratio of the last percentile's integral to the first one's; errors are those

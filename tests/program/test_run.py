@@ -55,6 +55,31 @@ def test_other_percentiles_are_taken_up(entroslip, small_scene, tmp_path):
         np.testing.assert_allclose(beside["slip_percentiles"], slip, rtol=1e-12)
 
 
+def test_many_percentiles_ascend(entroslip, tmp_path):
+    """Each is estimated by itself: some had crossed, ends of intervals too."""
+    (tmp_path / "many.nml").write_text("""\
+&process correlation_length = 1.0 order = 1 mean = 0.2 std = 0.067 /
+&chain n_dof = 3 /
+&excitation variance = 3.7 /
+&integration method = 'event' n_steps = 2048 /
+&campaign n_samples = 30 /
+&output segment_length = 512
+  percentiles = 1, 2, 3, 5, 10, 20, 25, 30, 70, 75, 80, 90, 95, 97, 98, 99 /
+""")
+    assert entroslip("run", "many.nml").returncode == 0
+    with h5py.File(tmp_path / "many.h5") as file:
+        case = file["campaign/c001"]
+        for name in ("slip_percentiles", "dissipation_percentiles", "psd_percentiles"):
+            for part in ("", "_low", "_high"):
+                for of in (case, case["plain"]):
+                    assert (np.diff(of[name + part], axis=0) >= 0).all(), (of.name, name, part)
+        step = case["frequency"][1]
+        np.testing.assert_allclose(
+            case["psd_percentiles"][()].sum(axis=1) * step,
+            case["pseudo_variance_percentiles"], rtol=1e-12,
+        )  # fmt: skip
+
+
 def test_estimates_of_more_samples_are_told_where_they_are_not_those_asked_for(
     entroslip, small_scene
 ):
