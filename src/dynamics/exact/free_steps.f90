@@ -76,19 +76,17 @@ contains
       end do
    end subroutine follow_links
 
-   !> Ends of all paths, and the suspects. Rows are finished two at a time: their suspects are the
-   !> bits of one word.
+   !> Ends of all paths, and the suspects.
    subroutine finish_part(paths)
       type(joint_paths), intent(inout) :: paths
       real(wp) :: least(width)
-      integer(long) :: pair, word
-      integer :: at, e, n
+      integer(long) :: word
+      integer :: e, n
 
       n = 0
       least = huge(1.0_wp)
-      associate (x => paths%x, start => paths%layer(0), finish => paths%finish(0), &
-                 many => size(paths%joint))
-         do e = 1, many
+      associate (x => paths%x, start => paths%layer(0), finish => paths%finish(0))
+         do e = 1, size(paths%joint)
             call finish_row(paths%degree, paths, e, x(1, 1, start), x(1, 1, 2), paths%regime, &
                             x(1, 1, finish), least, word)
             do while (word /= 0_long)
