@@ -133,7 +133,7 @@ contains
    end subroutine foresee_need
 
    !> The standard error to come, and what the target takes where that is more than the scene has:
-   !! by a regression where more samples lead to one.
+   !> by a regression where more samples lead to one.
    pure function need_text(plan, measured, nanoseconds, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: measured

@@ -226,6 +226,7 @@ contains
                         ': cannot be read back')
       end do
    end subroutine check
+
    !> Writes a whole dataset of any rank.
    subroutine write_dataset(self, name, values, units, long_name, axes, kind, extents)
       class(hdf5_group), intent(inout) :: self
