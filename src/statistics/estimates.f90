@@ -120,7 +120,7 @@ contains
    end function plain_percentile
 
    !> Puts estimates of ascending percentiles, and the ends of their intervals, into ascending
-   !! order: that brings them nearer to the truth (Chernozhukov, Fernandez-Val and Galichon 2010).
+   !> order: that brings them nearer to the truth (Chernozhukov, Fernandez-Val and Galichon 2010).
    pure subroutine uncross(percentiles)
       type(statistic_type), intent(inout) :: percentiles(:)
 
