@@ -38,6 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
         options = parser.parse_args(words[1:] if is_comparison else words)
         apply_style(*options.style)
         files = [open_results(path) for path in options.results]
+        _require_names(files[1:])
         if options.out is not None:
             make_folder(options.out)
         try:
@@ -49,6 +50,15 @@ def main(arguments: list[str] | None = None) -> int:
             raise InputError("\n".join(damages)) from None
 
     return exit_code(draw)
+
+
+def _require_names(files: list[Results]) -> None:
+    """Refuse files of one name, by which designs, tables and figures are told apart."""
+    named: dict[str, Results] = {}
+    for results in files:
+        other = named.setdefault(results.stem, results)
+        if other is not results:
+            raise InputError(f"{other.path} and {results.path}: have one name: rename one of them")
 
 
 def _compare(files: list[Results], folder: Path | None) -> str:

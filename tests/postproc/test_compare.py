@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -232,15 +233,19 @@ def test_several_designs_are_ranked_with_errors(results_of_scene, results_file, 
         }  # fmt: skip
         assert slip["load_15"] < slip["load_11"] < 0.0
     assert (tmp_path / "change_load_15.csv").exists()
+    (tmp_path / "other").mkdir()
+    twin = shutil.copy(designs[0], tmp_path / "other")
+    assert main([*words[:3], str(twin), "--out", str(tmp_path)]) == 2
+    assert "load_11.h5: have one name: rename one of them" in capsys.readouterr().err
 
 
 def test_designs_without_the_spectrum_of_the_forced_dof_have_no_rms(results_of_scene, capsys):
     """A dash, not a change of zero."""
     words = ["run", "--set", "output%dofs=2"]
-    files = [
-        results_of_scene(SMALL_SCENE, *words, "--set", f"chain%normal_load={load}")
-        for load in (10, 11, 12)
-    ]
+    files = []
+    for load in (10, 11, 12):
+        path = results_of_scene(SMALL_SCENE, *words, "--set", f"chain%normal_load={load}")
+        files.append(path.rename(path.with_name(f"load_{load}.h5")))
     assert main(["compare", *map(str, files)]) == 0
     rows = [row for row in capsys.readouterr().out.splitlines() if row.startswith("std")]
     assert len(rows) == 4
