@@ -293,7 +293,7 @@ def _welch(case: Case) -> str:
 
 
 def _pale(cases: Sequence[Case]) -> str:
-    """What pale marks are, where a regression made estimates of its own."""
+    """Sentence on pale marks, where a regression made estimates of its own."""
     is_drawn = any(case.plain is not None for case in cases)
     return " Pale marks: plain sampling." if is_drawn else ""
 

@@ -341,7 +341,8 @@ contains
       if (allocated(result%psd)) is_within = is_within .and. all(result%psd <= largest)
       if (.not. is_within) call raise(error, exit_no_solution, 'case '// &
                                       to_text(result%case_number)//': spectra or slip beyond '// &
-                                      '1e150: scale the units of the scene')
+                                      '1e150: scale the units of the scene; motion grows if '// &
+                                      'K has a negative eigenvalue')
    end subroutine check_range
 
 end module campaign_sample

@@ -282,6 +282,9 @@ contains
                          brief(structure%frequencies_slip(1))//' to '// &
                          brief(structure%frequencies_slip(n))//' Hz slipping')
       end associate
+      if (structure%frequencies_slip(1) < 0.0_wp) &
+         text = text//labelled('unstable', 'with all joints slipping, as K has a negative '// &
+                               'eigenvalue: motion grows there')
       if (structure%n_zero_modes > 0) &
         text = text//labelled('zero modes', to_text(structure%n_zero_modes)//' with all joints '// &
                                'stuck: the structure moves there without force')

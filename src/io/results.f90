@@ -60,7 +60,7 @@ contains
       call group%put('frequencies_stuck', structure%frequencies_stuck, 'Hz', &
                      'natural frequency with all joints stuck', 'mode')
       call group%put('frequencies_slip', structure%frequencies_slip, 'Hz', &
-                     'natural frequency with all joints slipping', 'mode')
+                     'natural frequency with all joints slipping; negative: unstable', 'mode')
       if (size(structure%damping_ratio) > 0) &
          call group%put('damping_ratio', structure%damping_ratio, '1', &
                         'damping ratio with all joints stuck', 'mode')

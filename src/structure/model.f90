@@ -36,7 +36,7 @@ module structure_model
       integer :: n_zero_modes = 0                    !! all joints stuck: motion without force
       real(wp), allocatable :: frequencies_stuck(:)  !! (mode) [Hz], ascending
       real(wp), allocatable :: modes_stuck(:, :)     !! Phi (dof, mode), Phi' M Phi = 1
-      real(wp), allocatable :: frequencies_slip(:)   !! (mode) [Hz], ascending
+      real(wp), allocatable :: frequencies_slip(:)   !! (mode) [Hz], ascending; negative: unstable
    contains
       procedure :: has_lumped_mass
       procedure :: lumped_mass
@@ -182,7 +182,8 @@ contains
       end do
    end function stuck_stiffness
 
-   !> Finds natural frequencies [Hz], ascending, and if asked for mass-normalized modes (dof, mode).
+   !> Finds natural frequencies [Hz], ascending, negative ones of negative eigenvalues, and if asked
+   !> for mass-normalized modes (dof, mode).
    !>
    !> An eigenvalue within 1e-10 of the largest is known to few digits. Its Rayleigh quotient takes
    !> its place: where that, too, cancels to 1e-10 of its terms, the mode is one without force. With
@@ -225,7 +226,7 @@ contains
          eigenvalues(r) = merge(energy, 0.0_wp, energy > least_share*terms)
          if (.not. eigenvalues(r) > 0.0_wp) n_zero = n_zero + 1
       end do
-      allocate (frequencies, source=sqrt(max(eigenvalues, 0.0_wp))/two_pi)
+      allocate (frequencies, source=sign(sqrt(abs(eigenvalues)), eigenvalues)/two_pi)
       if (present(modes)) call move_alloc(vectors, modes)
    end subroutine find_modes
 
