@@ -281,6 +281,17 @@ def test_zero_modes_drift_and_are_named(entroslip, tmp_path):
     assert abs(x.mean(axis=1) - centre).max() < 1e-6 * abs(centre).max()
 
 
+def test_a_structure_that_only_stuck_joints_hold_is_named(entroslip, tmp_path):
+    """A spring of -2 to the ground under a joint of 5, which never slips: stable, and said not to
+    be where it slips."""
+    slip, x, said = hostile(entroslip, tmp_path, "1 0 5 1e6 1\n", stiffness=(1.0, -3.0, 3.0))
+    assert slip.max() == 0.0
+    assert abs(x).max() < 1e3
+    assert "unstable with all joints slipping, as K has a negative eigenvalue" in " ".join(
+        said.split()
+    )
+
+
 def test_the_ground_moves_what_the_load_says(entroslip, tmp_path):
     """A beam's rotation does not follow the ground: b = -M r, as a force's load may be."""
     mass, r = np.array([[2.0, 0.3], [0.3, 0.5]]), np.array([1.0, 0.0])
