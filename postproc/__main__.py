@@ -23,7 +23,7 @@ from .paper.numbers import table_correlations, table_numbers
 from .paper.printed import AXES
 from .paper.statements import assess
 from .report import write_report
-from .results import Results, find_damage, open_results
+from .results import Results, find_damage, open_results, told_apart
 from .tables import make_tables, table_statements
 
 
@@ -37,8 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
         parser = _comparison_parser() if is_comparison else _parser()
         options = parser.parse_args(words[1:] if is_comparison else words)
         apply_style(*options.style)
-        files = [open_results(path) for path in options.results]
-        _require_names(files[1:])
+        files = told_apart([open_results(path) for path in options.results])
         if options.out is not None:
             make_folder(options.out)
         try:
@@ -50,15 +49,6 @@ def main(arguments: list[str] | None = None) -> int:
             raise InputError("\n".join(damages)) from None
 
     return exit_code(draw)
-
-
-def _require_names(files: list[Results]) -> None:
-    """Refuse files of one name, by which designs, tables and figures are told apart."""
-    named: dict[str, Results] = {}
-    for results in files:
-        other = named.setdefault(results.stem, results)
-        if other is not results:
-            raise InputError(f"{other.path} and {results.path}: have one name: rename one of them")
 
 
 def _compare(files: list[Results], folder: Path | None) -> str:

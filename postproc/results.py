@@ -6,8 +6,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import h5py
@@ -188,6 +188,7 @@ class Results:
     structure: xr.Dataset | None
     cases: list[Case]  # c001 first
     tradeoff: xr.Dataset | None = None
+    name: str = ""  # among files of one name
 
     def __repr__(self) -> str:
         """Short: what there is to look at."""
@@ -240,7 +241,7 @@ class Results:
     @property
     def stem(self) -> str:
         """The file's name without its ending, whatever bytes it is made of."""
-        return readable(self.path.stem)
+        return self.name or readable(self.path.stem)
 
     @property
     def tree(self) -> xr.DataTree:
@@ -290,6 +291,18 @@ def open_results(path: str | Path) -> Results:
     except (OSError, KeyError, RuntimeError, ValueError) as error:  # of damaged files
         words = " ".join(str(error).split())  # on one line
         raise ResultsError(f"{path}: cannot be read as HDF5: {words}") from error
+
+
+def told_apart(files: Sequence[Results]) -> list[Results]:
+    """The files; those of one name get their folders' before it, or else a number behind it."""
+    stems = [file.stem for file in files]
+    folders = [f"{readable(file.path.resolve().parent.name)}_{file.stem}" for file in files]
+    for longer in (folders, [f"{folder}_{i}" for i, folder in enumerate(folders, 1)]):
+        stems = [
+            more if stems.count(stem) > 1 else stem
+            for stem, more in zip(stems, longer, strict=True)
+        ]
+    return [replace(file, name=stem) for file, stem in zip(files, stems, strict=True)]
 
 
 def find_damage(path: Path) -> str | None:
