@@ -4,8 +4,9 @@
 !> It is meant for functions that are sampled with common random numbers: smooth, expensive and
 !> without derivatives.
 module numerics_constrained_maximum
+   use core_error, only: error_type
    use core_kinds, only: wp
-   use numerics_lapack, only: unit_matrix
+   use numerics_lapack, only: solve_positive_definite, unit_matrix
    implicit none(type, external)
    private
    public :: objective_type, search_result, maximize, rest_of_gradient, solve_along, step_to_maximum
@@ -150,7 +151,7 @@ contains
    end subroutine advance
 
    !> Adds the shortest step in the metric that makes the linearized constraints zero.
-   pure subroutine lead_back(found, constraints, change, is_regular)
+   subroutine lead_back(found, constraints, change, is_regular)
       type(search_result), intent(in) :: found
       real(wp), intent(in) :: constraints(:)
       real(wp), intent(inout) :: change(:)
@@ -222,41 +223,35 @@ contains
    !> Finds the step H (g - J' lambda) of sequential quadratic programming, and the multipliers for
    !> which it ends on the linearized constraints. Fails if these do not depend on the variables, or
    !> one depends on the others.
-   pure subroutine step_to_maximum(metric, jacobian, gradient, constraints, change, multipliers, &
-                                   is_regular)
+   subroutine step_to_maximum(metric, jacobian, gradient, constraints, change, multipliers, &
+                              is_regular)
       real(wp), intent(in) :: metric(:, :)     !! H, inverse Hessian (variable, variable)
       real(wp), intent(in) :: jacobian(:, :)   !! J (constraint, variable)
       real(wp), intent(in) :: gradient(:), constraints(:)
       real(wp), intent(out) :: change(:), multipliers(:)
       logical, intent(out) :: is_regular
-      real(wp) :: matrix(size(constraints), size(constraints)), right(size(constraints))
-      real(wp) :: scale(size(constraints))
-      integer :: i, j
+      type(error_type), allocatable :: error
+      real(wp), dimension(size(constraints), size(constraints)) :: factor, matrix
+      real(wp) :: right(size(constraints), 1)
+      integer :: i
 
       matrix = matmul(jacobian, matmul(metric, transpose(jacobian)))
-      right = matmul(jacobian, matmul(metric, gradient)) + constraints
-      scale = [(matrix(i, i), i=1, size(right))]
+      right(:, 1) = matmul(jacobian, matmul(metric, gradient)) + constraints
       change = 0.0_wp
       multipliers = 0.0_wp
-      is_regular = .true.
-      do i = 1, size(right)   ! positive definite: no pivots needed
-         is_regular = matrix(i, i) > max(epsilon(1.0_wp)*scale(i), tiny(1.0_wp))
-         if (.not. is_regular) return
-         do j = i + 1, size(right)
-            right(j) = right(j) - matrix(j, i)/matrix(i, i)*right(i)
-            matrix(j, i:) = matrix(j, i:) - matrix(j, i)/matrix(i, i)*matrix(i, i:)
-         end do
-      end do
-      do i = size(right), 1, -1
-         multipliers(i) = (right(i) - dot_product(matrix(i, i + 1:), &
-                                                  multipliers(i + 1:)))/matrix(i, i)
-      end do
+      factor = matrix
+      call solve_positive_definite(factor, right, error)   ! leaves its Cholesky factor
+      is_regular = .not. allocated(error)
+      if (is_regular) &
+         is_regular = all([(factor(i, i)**2 > epsilon(1.0_wp)*matrix(i, i), i=1, size(right))])
+      if (.not. is_regular) return
+      multipliers = right(:, 1)
       change = matmul(metric, gradient - matmul(multipliers, jacobian))
    end subroutine step_to_maximum
 
    !> The part of the gradient that is no combination of the constraints' gradients; all of it where
    !> these depend on each other.
-   pure function rest_of_gradient(gradient, jacobian) result(rest)
+   function rest_of_gradient(gradient, jacobian) result(rest)
       real(wp), intent(in) :: gradient(:), jacobian(:, :)
       real(wp) :: rest(size(gradient))
       real(wp) :: change(size(gradient)), multipliers(size(jacobian, 1)), zero(size(jacobian, 1))

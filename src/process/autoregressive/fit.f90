@@ -269,7 +269,7 @@ contains
 
    !> Residual of the entropy's gradient in atanh(kappa), which is -kappa, when its part along the
    !> gradients of the lengths is taken away: largest component, relative to the largest of all.
-   pure function optimality_residual(correlation, kappa) result(residual)
+   function optimality_residual(correlation, kappa) result(residual)
       character(*), intent(in) :: correlation
       real(wp), intent(in) :: kappa(:)   !! with K(m) >= 0
       real(wp) :: residual
