@@ -4,8 +4,9 @@
 !> that slips takes mu N times its way (dynamics_joint).
 module dynamics_exact_ledger
    use core_kinds, only: wp
-   use dynamics_exact_joint_paths, only: joint_paths, width
+   use dynamics_exact_joint_paths, only: joint_paths, local_answers, width
    use dynamics_exact_series, only: most_degree, series_type
+   use dynamics_exact_transitions, only: transition_group
    use numerics_quadrature, only: gauss_legendre
    use numerics_sparse, only: sparse_matrix, sparse_of
    use structure_model, only: structure_type
@@ -180,15 +181,30 @@ contains
       end do
    end subroutine add_answers
 
-   !> Keeps the answer to a transition for add_part.
-   pure subroutine note_answer(self, lane, row, time, power)
+   !> Keeps a transition for add_part: the answer of its dof, and the integrals of the answers of
+   !> loaded dofs, which are the next of the sums (7).
+   pure subroutine note_answer(self, loaded, answers, group, entry)
       class(ledger_type), intent(inout) :: self
-      integer, intent(in) :: lane, row
-      real(wp), intent(in) :: time, power(3:)   !! tau; d
+      integer, intent(in) :: loaded(:)   !! dofs
+      type(local_answers), intent(in) :: answers
+      type(transition_group), intent(in) :: group
+      integer, intent(in) :: entry
+      integer :: e, i
 
       if (self%n_answers == size(self%answer)) self%answer = [self%answer, self%answer]
       self%n_answers = self%n_answers + 1
-      self%answer(self%n_answers) = answer_type(lane, row, time, power)
+      associate (l => group%lane(entry), row => group%row(entry), area => self%area)
+         self%answer(self%n_answers) = answer_type(l, row, group%time(entry), &
+                                                   group%answer(entry, :))
+         do i = 1, size(loaded)
+            if (loaded(i) == row) area(l, i) = area(l, i) + group%ends(entry, 3)
+            do e = answers%first(row), answers%first(row + 1) - 1
+               if (answers%dof(e) /= loaded(i)) cycle
+               area(l, i) = area(l, i) + (answers%value(1, e)*group%ends(entry, 5) &
+                                          + answers%value(2, e)*group%ends(entry, 7))
+            end do
+         end do
+      end associate
    end subroutine note_answer
 
 end module dynamics_exact_ledger

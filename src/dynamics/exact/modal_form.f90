@@ -71,6 +71,7 @@ contains
    !> See base_system.
    subroutine begin(self)
       class(modal_form), intent(inout) :: self
+      real(wp), pointer, contiguous :: planes(:, :, :)
       integer :: j, n, n_planes
 
       associate (for => self%operators)
@@ -85,24 +86,13 @@ contains
             call for%ledger%prepare(self%h, for%damping, for%modal_load, for%blocks, &
                                     kernel_fit(for%n_moments))
          call self%memory%start(int(lanes, long)*n*((n_planes + 2)*groups + 3 + for%n_moments))
-         call take_planes(n, n_planes, self%modes)
+         call self%memory%take([lanes, n, n_planes*groups], planes)
+         self%modes(1:lanes, 1:n, 1:n_planes, 1:groups) => planes
          call self%memory%take([lanes, n, 2], self%middle)
          call self%memory%take([lanes, n, for%n_moments + 1], self%taken)
-         call take_planes(2, for%n_modes, self%rates)
+         call self%memory%take([lanes, 2, for%n_modes*groups], planes)
+         self%rates(1:lanes, 1:2, 1:for%n_modes, 1:groups) => planes
       end associate
-
-   contains
-
-      !> Hands out planes of every group.
-      subroutine take_planes(rows, many, planes)
-         integer, intent(in) :: rows, many
-         real(wp), pointer, contiguous, intent(out) :: planes(:, :, :, :)
-         real(wp), pointer, contiguous :: all(:, :, :)
-
-         call self%memory%take([lanes, rows, many*groups], all)
-         planes(1:lanes, 1:rows, 1:many, 1:groups) => all
-      end subroutine take_planes
-
    end subroutine begin
 
    !> See base_system.

@@ -132,30 +132,9 @@ contains
          call add_answer(size(x, 2), self%paths%answers, group, entry, x(1, 1, finish(0)), &
                          x(1, 1, finish(1)))
       end associate
-      if (self%keeps_ledger) call note_answer(self, group, entry)
+      if (self%keeps_ledger) call self%ledger%note_answer(self%series%loaded, self%paths%answers, &
+                                                          group, entry)
    end subroutine correct
-
-   !> Notes a transition for the ledger: the answer of its dof, and the integrals of the answers
-   !> of loaded dofs, which are the next of the sums (7).
-   pure subroutine note_answer(self, group, entry)
-      class(series_form), intent(inout) :: self
-      type(transition_group), intent(in) :: group
-      integer, intent(in) :: entry
-      integer :: e, i
-
-      associate (l => group%lane(entry), row => group%row(entry), area => self%ledger%area, &
-                 answers => self%paths%answers)
-         call self%ledger%note_answer(l, row, group%time(entry), group%answer(entry, :))
-         do i = 1, size(self%series%loaded)
-            if (self%series%loaded(i) == row) area(l, i) = area(l, i) + group%ends(entry, 3)
-            do e = answers%first(row), answers%first(row + 1) - 1
-               if (answers%dof(e) /= self%series%loaded(i)) cycle
-               area(l, i) = area(l, i) + (answers%value(1, e)*group%ends(entry, 5) &
-                                          + answers%value(2, e)*group%ends(entry, 7))
-            end do
-         end do
-      end associate
-   end subroutine note_answer
 
    !> Adds (7): sums of the joint's own answer, weighted for each of the dofs around it.
    pure subroutine add_answer(top, answers, group, entry, place, velocity)
