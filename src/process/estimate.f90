@@ -189,7 +189,7 @@ contains
    end function longest_span
 
    !> Lists white noise, then every order with L0 from the shortest to the longest. L1 is a third of
-   !! the number of values at most: a longer correlation is hardly told from another mean.
+   !> the number of values at most: a longer correlation is hardly told from another mean.
    subroutine list_candidates(n_values, n_lags, candidates, error)
       integer, intent(in) :: n_values, n_lags
       type(candidate_type), allocatable, intent(out) :: candidates(:)

@@ -34,7 +34,7 @@ contains
    end subroutine step_up
 
    !> Reflection coefficients from a_q, downwards. The first that is not inside (-1, 1) ends it: the
-   !! process is not stationary, and the lower ones stay zero.
+   !> process is not stationary, and the lower ones stay zero.
    pure function reflection_of(a) result(kappa)
       real(wp), intent(in) :: a(:)
       real(wp) :: kappa(size(a))

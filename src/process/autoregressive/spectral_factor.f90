@@ -65,7 +65,7 @@ contains
    end subroutine equivalent_process
 
    !> The first-order change of B, (0:order), that a change of its symbol makes: B times the causal
-   !! half of change/|B|^2.
+   !> half of change/|B|^2.
    pure function change_of_factor(factor, reciprocal, change) result(step)
       real(wp), intent(in) :: factor(0:)       !! B = [1, a]/b0
       real(wp), intent(in) :: reciprocal(0:)   !! coefficients of 1/|B|^2, to twice the order

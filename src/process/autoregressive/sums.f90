@@ -132,8 +132,8 @@ contains
    end subroutine march
 
    !> A lag from which K > 0 for sure: the residue of the largest pole, when it is real and
-   !! positive, against Cauchy's estimate of all the others on a circle between it and them. Huge
-   !! when there is none.
+   !> positive, against Cauchy's estimate of all the others on a circle between it and them. Huge
+   !> when there is none.
    pure function first_lag_of_one_sign(kappa, poles) result(lag)
       real(wp), intent(in) :: kappa(:)
       complex(wp), intent(in) :: poles(:)   !! by descending modulus
@@ -182,7 +182,7 @@ contains
    end function first_negligible_lag
 
    !> ln of a bound of |b0^2/(A(1/z) A(z))| on |z| = radius: |rho(m)| (without the poles outside, if
-   !! any) stays below it times radius**m.
+   !> any) stays below it times radius**m.
    pure function log_bound(kappa, poles, radius) result(bound)
       real(wp), intent(in) :: kappa(:), radius
       complex(wp), intent(in) :: poles(:)

@@ -14,7 +14,7 @@ module process_direct_reciprocal_symbol
    public :: evaluate_symbol, symbol_evaluation, touching_multiplier
 
    !> Values at a symbol g. Derivatives of the mean of ln g are taken along other symbols, their
-   !! directions.
+   !> directions.
    type :: symbol_evaluation
       logical :: is_positive = .false.             !! g > 0; all else holds only then
       real(wp) :: log_mean = 0.0_wp                !! mean of ln g over the circle

@@ -148,7 +148,7 @@ contains
    end subroutine limit_of_entropy
 
    !> Takes over the signs of K(m) until they stay. That only raises the entropy: with the new signs
-   !! the old solution has more than the wanted length.
+   !> the old solution has more than the wanted length.
    subroutine make_consistent(constraint, signs, max_passes, solution)
       type(length_constraint), intent(in) :: constraint
       integer, intent(in) :: signs(:)   !! start
@@ -214,7 +214,7 @@ contains
    end function searched_positions
 
    !> Sequence number `index`, 0..count_sequences - 1; 0 is all plus, and the leading signs change
-   !! last.
+   !> last.
    pure function sequence_signs(constraint, index) result(signs)
       type(length_constraint), intent(in) :: constraint
       integer(long), intent(in) :: index

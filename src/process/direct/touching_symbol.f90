@@ -18,7 +18,7 @@ module process_direct_touching_symbol
 contains
 
    !> Finds where sum a_m K(m) = 0, K(m) the Fourier coefficients of 1/g, g = 1 + delta sum a_m
-   !! cos(mt). `is_solved` is false where g touches zero elsewhere first, or not even B holds it.
+   !> cos(mt). `is_solved` is false where g touches zero elsewhere first, or not even B holds it.
    subroutine solve_touching(weights, delta, factor, reciprocal, is_solved)
       real(wp), intent(in) :: weights(0:)       !! a_m, m = 0..m_max; their sum is negative
       real(wp), intent(out) :: delta
