@@ -15,7 +15,7 @@
 !> on any number of ranks; columns%at alone has not, before the selection.
 module campaign_bands
    use campaign_band_batches, only: batch_collector, not_a_number, start_batches
-   use campaign_columns, only: column_collector, high, low, middle, start_columns
+   use campaign_columns, only: column_collector, high, low, start_columns
    use campaign_results, only: case_statistics
    use core_kinds, only: wp
    use numerics_correlated, only: n_batches
@@ -39,7 +39,6 @@ module campaign_bands
       real(wp), allocatable :: bias(:, :, :, :)    !! (statistic, dof, slice, group) of integrals
       type(batch_collector) :: batches             !! of the march
       integer, private :: bin_width = 1            !! samples whose influences are kept as one
-      real(wp), allocatable, private :: share_below(:)   !! (percentile)
       real(wp), private :: step = 0.0_wp           !! between frequencies [Hz]
       integer, allocatable, private :: last_of_range(:)   !! (range) as last_of_ranges has them
    contains
@@ -65,7 +64,6 @@ contains
       collector%n_frequencies = size(frequency)
       call start_columns(n_samples, n_dof*size(frequency), percentiles, collector%columns)
       n_groups = collector%columns%n_groups
-      collector%share_below = percentiles/100.0_wp
       collector%step = frequency(2) - frequency(1)
       collector%last_of_range = last_of_ranges(size(frequency))
       collector%bin_width = (n_samples - 1)/most_bins + 1
@@ -93,7 +91,7 @@ contains
       integer :: ranking(size(psd, 3), size(psd, 2))
       real(wp) :: at(size(psd, 2), size(self%influence, 2))   ! mean and percentiles
       real(wp), dimension(size(psd, 3), size(psd, 2)) :: density, logarithm
-      real(wp) :: rank(size(self%share_below), 3), share, slope(size(psd, 2)), weight
+      real(wp) :: rank(self%columns%n_percentiles, 3), share, slope(size(psd, 2)), weight
       integer :: dof, f, place, s
 
       share = real(size(psd, 3), wp)/self%columns%n_samples
@@ -111,7 +109,7 @@ contains
                at(:, 1) = estimates%value
                slope = weight
             else
-               estimates = plain_percentile(logarithm, self%share_below(s - 1), ranking)
+               estimates = plain_percentile(logarithm, self%columns%share_below(s - 1), ranking)
                slope = weight*at(:, s)
             end if
             associate (bias => self%bias(s, dof, slice, group))
@@ -163,7 +161,7 @@ contains
       type(case_statistics), intent(inout) :: statistics
       integer :: dof, f
 
-      associate (n_dof => self%n_dof, nf => self%n_frequencies, np => size(self%share_below))
+      associate (n_dof => self%n_dof, nf => self%n_frequencies, np => self%columns%n_percentiles)
          allocate (statistics%psd(n_dof, nf, np + 1), statistics%psd_mean_freedoms(n_dof, nf), &
                    statistics%pseudo_variances(n_dof, np + 2), statistics%band_ratio_bias(n_dof))
          call self%columns%finish(statistics%psd, freedoms=statistics%psd_mean_freedoms)

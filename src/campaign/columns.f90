@@ -32,7 +32,7 @@ module campaign_columns
       integer, allocatable :: group_first(:)   !! (group + 1) first sample; behind the last: n + 1
       real(wp), allocatable :: sums(:, :, :)   !! (sum, column, group) as sums_of has them
       real(wp), allocatable :: at(:, :, :)     !! (column, percentile; middle, low or high)
-      real(wp), allocatable, private :: share_below(:)   !! (percentile)
+      real(wp), allocatable :: share_below(:)  !! (percentile)
       !> (percentile; middle, low or high) in 1..n; 0 or n + 1 of an end beyond the samples
       real(wp), allocatable, private :: rank(:, :)
    contains

@@ -21,10 +21,9 @@ module numerics_roots
 
 contains
 
-   !> Finds all roots of x**n + sum c_q x**(n-q), by descending modulus, conjugates together.
-   !!
-   !! Eigenvalues of the companion matrix, each polished by Newton steps that lower the polynomial's
-   !! value.
+   !> Finds all roots of x**n + sum c_q x**(n-q), by descending modulus, conjugates together:
+   !> eigenvalues of the companion matrix, each polished by Newton steps that lower the polynomial's
+   !> value.
    subroutine find_polynomial_roots(coefficients, roots, error)
       real(wp), intent(in) :: coefficients(:)             !! c_q, q = 1..n
       complex(wp), allocatable, intent(out) :: roots(:)   !! (n)
