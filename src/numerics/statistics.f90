@@ -91,7 +91,8 @@ contains
 
    !> Standard error of the standard deviation s for a law of any shape: the variance of s^2 is
    !> (m4 - s^4 (n - 3)/(n - 1))/n with the fourth central moment m4, and the relative error of s is
-   !> half of that of s^2. Zero if all values are equal.
+   !> half of that of s^2. Two or three values say nothing of m4: they have a normal law's. Zero if
+   !> all values are equal.
    pure real(wp) function deviation_error_of_sums(sums) result(error)
       real(wp), intent(in) :: sums(n_sums)
       real(wp) :: s
@@ -101,6 +102,7 @@ contains
       if (.not. s > 0.0_wp) return
       associate (n => sums(1))
          error = 0.5_wp*s*sqrt(max(sums(5)/(n*s**4) - (n - 3.0_wp)/(n - 1), 0.0_wp)/n)
+         if (n < 4.0_wp) error = s/sqrt(2.0_wp*(n - 1.0_wp))
       end associate
    end function deviation_error_of_sums
 
