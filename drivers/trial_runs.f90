@@ -75,7 +75,7 @@ contains
 
       if (.not. (plan%has_structure .and. plan%output%spectrum)) return
       if (world%is_root()) call choose_every(plan, force, folded_share, error)
-      call world%broadcast(plan%output%spectrum_every)
+      plan%output%spectrum_every = world%maximum(plan%output%spectrum_every)   ! chosen from 0
       call world%broadcast(folded_share)
    end subroutine thin_spectra
 

@@ -27,12 +27,12 @@ module parallel_world
       procedure :: is_root
       procedure :: stop_on
       procedure :: wait_for_all
-      generic :: broadcast => broadcast_integer, broadcast_integers, broadcast_matrix
+      generic :: broadcast => broadcast_integers, broadcast_matrix
       procedure :: any_true
       procedure :: maximum
       procedure :: add_up
       procedure :: join
-      procedure, private :: broadcast_integer, broadcast_integers, broadcast_matrix
+      procedure, private :: broadcast_integers, broadcast_matrix
    end type world_type
 
 contains
@@ -141,9 +141,8 @@ contains
          exit_code = error%exit_code
          message = error%message
       end if
-      n = len(message)
-      call self%broadcast(exit_code, from=failed)
-      call self%broadcast(n, from=failed)
+      exit_code = self%maximum(exit_code)   ! the others have exit_done, which is 0, and no text
+      n = self%maximum(len(message))
       if (failed /= self%rank) message = repeat(' ', n)
       call MPI_Bcast(message, n, MPI_CHARACTER, failed, self%comm)
       if (self%is_root()) call write_error(message)
@@ -202,16 +201,8 @@ contains
       call MPI_Allreduce(value, largest, 1, MPI_INTEGER, MPI_MAX, self%comm)
    end function maximum
 
-   !> Sends a value from one rank (the root, or `from`) to all; collective. Lists and matrices take
-   !> its shape; a matrix is unallocated if it is.
-   subroutine broadcast_integer(self, value, from)
-      class(world_type), intent(in) :: self
-      integer, intent(inout) :: value
-      integer, intent(in), optional :: from
-
-      call MPI_Bcast(value, 1, MPI_INTEGER, source(from), self%comm)
-   end subroutine broadcast_integer
-
+   !> Sends values from one rank (the root, or `from`) to all, which take their shape; collective. A
+   !> matrix is unallocated if it is.
    subroutine broadcast_integers(self, values, from)
       class(world_type), intent(in) :: self
       integer, allocatable, intent(inout) :: values(:)
