@@ -12,7 +12,7 @@ module campaign_plan
    private
    public :: plan_type, case_type, accuracy_settings, excitation_settings, integration_settings, &
              output_settings
-   public :: have_same_force, kept_dofs, scale_of, strength_of
+   public :: have_same_force, kept_dofs
    public :: add_audits, audit_of, kept_of, reference_for, repeats_samples
 
    integer, parameter :: fewest = 2                     !! samples, of a case with so many
@@ -24,12 +24,11 @@ module campaign_plan
    !> (and in the force record, when every sample has its own).
    type :: case_type
       integer :: process = 0           !! into plan%processes; 0: none, friction as given
-      real(wp) :: variance = 0.0_wp    !! of noise in a band [N^2]; else 0
+      !> variance of noise in a band [N^2], amplitude of a sine [N], else a factor of the force
+      real(wp) :: strength = 1.0_wp
       integer :: n_samples = 1
       integer :: first_sample = 1      !! number of the first draw: another one in a replay
       integer :: audits = 0            !! the case whose samples it repeats, to find their errors
-      real(wp) :: factor = 1.0_wp      !! of the force of a file, or of a given spectrum
-      real(wp) :: amplitude = 0.0_wp   !! of a sine [N]; else 0
       real(wp) :: frequency = 0.0_wp   !! of a sine [Hz]
    end type case_type
 
@@ -114,30 +113,11 @@ contains
       keeps_spectra = self%spectrum .and. (self%samples .or. n_samples == 1)
    end function keeps_spectra
 
-   !> Factor of the record that all cases share.
-   elemental function scale_of(case) result(scale)
-      type(case_type), intent(in) :: case
-      real(wp) :: scale
-
-      scale = strength_of(case)
-      if (case%variance > 0.0_wp) scale = sqrt(case%variance)
-   end function scale_of
-
-   !> Number by which levels of the force are told apart and ranked.
-   elemental function strength_of(case) result(strength)
-      type(case_type), intent(in) :: case
-      real(wp) :: strength
-
-      strength = case%factor
-      if (case%variance > 0.0_wp) strength = case%variance
-      if (case%amplitude > 0.0_wp) strength = case%amplitude
-   end function strength_of
-
    !> True if two cases have the same force on the same samples.
    elemental logical function have_same_force(one, other)
       type(case_type), intent(in) :: one, other
 
-      have_same_force = .not. (abs(strength_of(one) - strength_of(other)) > 0.0_wp .or. &
+      have_same_force = .not. (abs(one%strength - other%strength) > 0.0_wp .or. &
                                abs(one%frequency - other%frequency) > 0.0_wp)
    end function have_same_force
 

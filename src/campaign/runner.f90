@@ -1,6 +1,6 @@
 !> Data that all blocks of a plan share: the marcher, the force record, the layout of the spectra.
 module campaign_runner
-   use campaign_plan, only: integration_settings, kept_dofs, plan_type, reference_for, scale_of
+   use campaign_plan, only: integration_settings, kept_dofs, plan_type, reference_for
    use campaign_results, only: spectrum_layout
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -25,7 +25,7 @@ module campaign_runner
       type(plan_type) :: plan
       class(marcher_type), allocatable :: marcher
       class(marcher_type), allocatable :: reference   !! of audits, where there are any
-      !> (0:n_steps, force, or force + n_forces*(sample - 1)) [N], before scale_of; none of a sine
+      !> (0:n_steps, force, or force + n_forces*(sample - 1)) [N] of strength 1; none of a sine
       real(wp), allocatable :: force(:, :)
       type(spectrum_layout) :: layout
       !> (dof, case) of the variance, above the kept Nyquist frequency in the pilot march
@@ -184,7 +184,9 @@ contains
                if (allocated(error)) return
             end if
          end do
-         force = scale_of(self%plan%cases(case_number))*force
+         associate (strength => self%plan%cases(case_number)%strength)
+            force = merge(sqrt(strength), strength, excitation%kind == 'band_limited')*force
+         end associate
       end associate
    end subroutine force_of
 

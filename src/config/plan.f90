@@ -221,14 +221,14 @@ contains
          allocate (levels(excitation%n_levels()))
          select case (excitation%kind)
          case ('band_limited')
-            levels%variance = excitation%variance
+            levels%strength = excitation%variance
          case ('sine')
             associate (n => size(excitation%frequency))
                levels%frequency = [(excitation%frequency(1 + modulo(i, n)), i=0, size(levels) - 1)]
-               levels%amplitude = [(excitation%amplitude(1 + i/n), i=0, size(levels) - 1)]
+               levels%strength = [(excitation%amplitude(1 + i/n), i=0, size(levels) - 1)]
             end associate
          case default
-            levels%factor = excitation%factor
+            levels%strength = excitation%factor
          end select
       end associate
    end function levels_of

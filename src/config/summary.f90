@@ -1,7 +1,7 @@
 !> The text of `entroslip check`: what a scene will do, what it will not, and what that will cost.
 module config_summary
    use campaign_plan, only: add_audits, integration_settings, plan_type, reference_for, &
-                            repeats_samples, strength_of
+                            repeats_samples
    use campaign_pooling, only: case_pool, estimators_of, find_pools
    use campaign_size, only: memory_of_rank, results_size
    use config_fingerprint, only: fingerprint
@@ -144,7 +144,7 @@ contains
       real(wp) :: levels(last - first + 1)
       integer :: n
 
-      levels = strength_of(plan%cases(first:last))
+      levels = plan%cases(first:last)%strength
       if (plan%excitation%kind == 'sine') then
          n = count(abs(levels - levels(1)) <= 0.0_wp)   ! each amplitude at all frequencies
          text = shortened(levels(::n))//', each at '// &

@@ -201,12 +201,13 @@ contains
       integer, intent(in) :: number
 
       associate (case => plan%cases(number))
-         call group%attribute('variance', case%variance)
+         call group%attribute('variance', merge(case%strength, 0.0_wp, &
+                                                plan%excitation%kind == 'band_limited'))
          if (plan%excitation%kind == 'sine') then
             call group%attribute('frequency', case%frequency)
-            call group%attribute('amplitude', case%amplitude)
+            call group%attribute('amplitude', case%strength)
          else if (plan%excitation%kind /= 'band_limited') then
-            call group%attribute('factor', case%factor)
+            call group%attribute('factor', case%strength)
          end if
          call group%attribute('n_samples', case%n_samples)
          call group%attribute('duration', plan%integration%dt* &

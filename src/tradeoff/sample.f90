@@ -4,7 +4,7 @@
 !> Samples of all cases with one level of force share a block, as wide as the campaign's own blocks,
 !> so that a step costs here what it costs there.
 module tradeoff_sample
-   use campaign_plan, only: case_type, plan_type, strength_of
+   use campaign_plan, only: case_type, plan_type
    use campaign_results, only: block_result
    use campaign_runner, only: block_width, prepare_runner, runner_type
    use campaign_sample, only: run_block, stop_query
@@ -24,7 +24,7 @@ module tradeoff_sample
 
    !> One level of force, and the samples that are marched under it.
    type :: level_type
-      real(wp) :: strength = 0.0_wp            !! as strength_of has it
+      real(wp) :: strength = 0.0_wp            !! as case_type has it
       integer :: n_all = 0                     !! samples that the campaign has at this level
       integer, allocatable :: case_number(:)   !! (sample)
       integer, allocatable :: sample(:)        !! (sample) its number in the case
@@ -46,7 +46,7 @@ contains
       n_samples = plan%cases%n_samples
       allocate (strengths(0))
       do i = 1, size(plan%cases)
-         associate (strength => strength_of(plan%cases(i)))
+         associate (strength => plan%cases(i)%strength)
             if (all(abs(strengths - strength) > 0.0_wp)) strengths = [strengths, strength]
          end associate
       end do
@@ -56,7 +56,7 @@ contains
       do k = 1, n
          levels(k)%strength = strengths(1 + nint((k - 1.0_wp)*(size(strengths) - 1)/max(1, n - 1)))
          cases = pack([(i, i=1, size(plan%cases))], &
-                      abs(strength_of(plan%cases) - levels(k)%strength) <= 0.0_wp)
+                      abs(plan%cases%strength - levels(k)%strength) <= 0.0_wp)
          levels(k)%n_all = sum(n_samples(cases))
          width = min(block_width(plan), maxval(n_samples(cases)))
          call deal(n_samples, cases, width, levels(k))
@@ -191,7 +191,7 @@ contains
       short = with_setting(plan, setting)
       short%excitation%kind = 'file'
       short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
-      short%cases = [case_type(0, 0.0_wp, size(level%sample))]
+      short%cases = [case_type(n_samples=size(level%sample))]
       call prepare_runner(short, stretch(level%force(:plan%integration%n_steps, :), setting), &
                           runner, error, like)
       if (allocated(error)) return

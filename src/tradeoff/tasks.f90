@@ -6,7 +6,7 @@
 !> samples. The scatter of consecutive batches of a long march gives the error of time averages,
 !> that of a case's samples the Monte Carlo error.
 module tradeoff_tasks
-   use campaign_plan, only: plan_type, strength_of
+   use campaign_plan, only: plan_type
    use campaign_pooling, only: sharing_cases
    use campaign_results, only: block_result
    use campaign_runner, only: block_width, prepare_runner, runner_type
@@ -305,7 +305,7 @@ contains
 
       associate (cases => tradeoff%plan%cases, level => tradeoff%levels(task%level))
          case_of = findloc(cases%process == tradeoff%scope%variants(task%row)%process .and. &
-                           abs(strength_of(cases) - level%strength) <= 0.0_wp, .true., 1)
+                           abs(cases%strength - level%strength) <= 0.0_wp, .true., 1)
       end associate
    end function case_of
 

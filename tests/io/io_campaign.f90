@@ -70,7 +70,7 @@ contains
       plan%processes(1)%std = 0.067_wp
       plan%cases%n_samples = [1, n_samples]
       plan%cases%process = [0, 1]
-      plan%cases%variance = [3.7_wp, 41.1_wp]
+      plan%cases%strength = [3.7_wp, 41.1_wp]
       plan%integration%n_steps = n_steps
       plan%integration%dt = 0.01_wp
       plan%integration%method = 'event'
