@@ -14,7 +14,7 @@ contains
    !> Joins the estimates of a regression, as far from the truth as the means of some functions are
    !> over the points, with plain sampling's.
    subroutine join(law, values, n_samples, surrogate, plain, least, both, error)
-      type(law_type), intent(in) :: law
+      class(law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:, :)    !! (point, output) of the functions
       integer, intent(in) :: n_samples                    !! of the case
       type(estimates_type), intent(in) :: surrogate

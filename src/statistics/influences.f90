@@ -8,45 +8,42 @@ module statistics_influences
    use statistics_surrogate, only: find_squares, fit_type, rows_of, surrogate_type
    implicit none(type, external)
    private
-   public :: view_type, excess_of, find_influence, find_weights, kappa_of, scale_influences, &
-             thin_view, view_law, weigh_residuals, width_of, width_of_densities
+   public :: view_type, excess_of, find_weights, kappa_of, scale_influences, thin_view, view_law, &
+             weigh_residuals, width_of, width_of_densities
 
    integer, parameter, public :: thinning = 4   !! of the points for means of exponentials
    real(wp), parameter :: widest = 3.0_wp   !! E that is allowed for
 
    !> A law as a surrogate sees it, and which of the samples were drawn from it.
-   type :: view_type
+   type, extends(law_type) :: view_type
       real(wp), allocatable :: rows(:, :)       !! (landmark, point) of the kernel
-      real(wp), allocatable :: weight(:)        !! (point)
       integer :: first = 0, last = 0            !! samples of the law
       !> Rows of some points (thin_view), squares of their features (feature, point), and what these
       !> leave of k(x, x) (point).
-      real(wp), allocatable :: some_rows(:, :), square(:, :), rest(:)
+      real(wp), allocatable :: some_rows(:, :), some_square(:, :), rest(:)
    end type view_type
 
 contains
 
-   !> Computes the kernel of a surrogate at the points of a law.
-   subroutine view_law(surrogate, law, first, last, view)
+   !> Computes the kernel of a surrogate at the points of the law.
+   subroutine view_law(surrogate, first, last, view)
       type(surrogate_type), intent(in) :: surrogate
-      type(law_type), intent(in) :: law
       integer, intent(in) :: first, last
-      type(view_type), intent(inout) :: view   !! of another law, its memory is used again
+      type(view_type), intent(inout) :: view   !! the memory of another law's rows serves again
 
-      call rows_of(surrogate, law%x, view%rows)
-      view%weight = law%weight
+      call rows_of(surrogate, view%x, view%rows)
       view%first = first
       view%last = last
    end subroutine view_law
 
    !> Adds what means of exponentials need of some points.
-   subroutine thin_view(surrogate, law, view)
+   subroutine thin_view(surrogate, view)
       type(surrogate_type), intent(in) :: surrogate
-      type(law_type), intent(in) :: law
       type(view_type), intent(inout) :: view
 
       view%some_rows = view%rows(:, ::thinning)
-      call find_squares(surrogate, law%x(::thinning, :), view%some_rows, view%square, view%rest)
+      call find_squares(surrogate, view%x(::thinning, :), view%some_rows, view%some_square, &
+                        view%rest)
    end subroutine thin_view
 
    !> E: variance of a function of G over the law relative to that over the samples, by predictions
@@ -122,19 +119,7 @@ contains
       weight = weight + constant/size(weight, 1)
    end subroutine find_weights
 
-   !> Computes the influences of an average of G, as its variance by pairs is stated.
-   subroutine find_influence(surrogate, fit, average, constant, estimate)
-      type(surrogate_type), intent(in) :: surrogate
-      type(fit_type), intent(in) :: fit
-      real(wp), intent(in), contiguous :: average(:, :)    !! (feature, output) of phi
-      real(wp), intent(in) :: constant                     !! the same average of 1
-      type(estimates_type), intent(inout) :: estimate
-
-      call find_weights(surrogate, fit, average, constant, estimate%influence)
-      call weigh_residuals(surrogate, fit, estimate)
-   end subroutine find_influence
-
-   !> Turns weights of the samples' residuals into influences.
+   !> Turns weights of the samples' residuals into influences, as their variance by pairs is stated.
    subroutine weigh_residuals(surrogate, fit, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit

@@ -140,7 +140,7 @@ contains
    !> that they stand for. With the slopes c of their polynomials,
    !> |D (f - B c)|^2 = |D f|^2 - c'(2 B'D'D f - B'D'D B c).
    subroutine error_of_points(law, values, stated, error)
-      type(law_type), intent(in) :: law
+      class(law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:, :)   !! (point, function) f
       real(wp), intent(out) :: stated(:)                 !! (function)
       type(error_type), allocatable, intent(out) :: error

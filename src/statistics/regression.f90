@@ -5,9 +5,8 @@ module statistics_regression
    use numerics_elementary, only: exponentiate
    use numerics_lapack, only: multiply
    use statistics_estimates, only: estimates_type
-   use statistics_influences, only: excess_of, find_influence, find_weights, kappa_of, &
-                                    scale_influences, thinning, view_type, weigh_residuals, &
-                                    width_of, width_of_densities
+   use statistics_influences, only: excess_of, find_weights, kappa_of, scale_influences, thinning, &
+                                    view_type, weigh_residuals, width_of, width_of_densities
    use statistics_percentiles, only: find_quantile
    use statistics_surrogate, only: average_features, fit_type, predict_variance, surrogate_type
    implicit none(type, external)
@@ -81,7 +80,8 @@ contains
          of_rows(:, o) = matmul(view%rows, view%weight*centred)
       end do
       call average_features(surrogate, of_rows, 0.0_wp, covariance)
-      call find_influence(surrogate, fit, covariance, 0.0_wp, estimate)
+      call find_weights(surrogate, fit, covariance, 0.0_wp, estimate%influence)
+      call weigh_residuals(surrogate, fit, estimate)
       allocate (estimate%value(size(values, 2)), estimate%excess(2, size(values, 2)))
       allocate (estimate%bias, mold=estimate%value)
       do o = 1, size(values, 2)
@@ -135,7 +135,8 @@ contains
          estimate%bias(o) = 0.5_wp*(bare - full)   ! inwards, as plain sampling's
       end do
       call average_features(surrogate, average_row, 1.0_wp, average)
-      call find_influence(surrogate, fit, average, 1.0_wp, estimate)
+      call find_weights(surrogate, fit, average, 1.0_wp, estimate%influence)
+      call weigh_residuals(surrogate, fit, estimate)
       do o = 1, size(values, 2)
          residual = fit%residual(near(:, o), o)
          residual = (residual - sum(residual)/size(residual))/(2*size(residual))
@@ -244,7 +245,7 @@ contains
       allocate (average_of_samples, mold=average)
       allocate (estimate%value(size(grown, 2)), estimate%excess(2, size(grown, 2)))
       allocate (estimate%bias, mold=estimate%value)
-      call predict_variance(surrogate, fit, view%square, view%rest, variance)
+      call predict_variance(surrogate, fit, view%some_square, view%rest, variance)
       some_weight = view%weight(::thinning)/sum(view%weight(::thinning))
       of_samples = fit%predicted(view%first:view%last, :)
       do o = 1, size(grown, 2)

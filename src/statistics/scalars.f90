@@ -9,7 +9,7 @@ module statistics_scalars
                                    upward_error
    use statistics_influences, only: view_law, view_type, width_of
    use statistics_kernel_choice, only: learn_kernel
-   use statistics_law, only: choose_points, law_type, n_points
+   use statistics_law, only: choose_points, n_points
    use statistics_pool, only: among_all, pool_type, residual_share
    use statistics_regression, only: law_deviation, law_mean, law_percentile
    use statistics_sensitivity, only: find_sensitivity
@@ -39,7 +39,6 @@ contains
       real(wp) :: bent(size(y, 1), size(y, 2))   ! (sample, number)
       type(surrogate_type) :: surrogate
       type(fit_type) :: fit, bent_fit
-      type(law_type) :: law
       type(view_type) :: view
       integer :: case_number, number
 
@@ -51,10 +50,10 @@ contains
       call fit_outputs(surrogate, y, fit)
       call fit_outputs(surrogate, bent, bent_fit)
       do case_number = 1, size(plain, 3)
-         call choose_points(pool%draws(case_number), surrogate%direction, n_points, law, error)
+         call choose_points(pool%draws(case_number), surrogate%direction, n_points, &
+                            view%law_type, error)
          if (allocated(error)) return
-         call view_law(surrogate, law, pool%first(case_number), &
-                       pool%first(case_number + 1) - 1, view)
+         call view_law(surrogate, pool%first(case_number), pool%first(case_number + 1) - 1, view)
          call estimate_moments(case_number, estimates(:, :, case_number))
          if (allocated(error)) return
          call estimate_percentiles(case_number, estimates(:, :, case_number))
@@ -67,7 +66,7 @@ contains
          integer, intent(in) :: case_number
          type(statistic_type), intent(inout) :: best(:, :)   !! (number, statistic)
          type(estimates_type) :: ours, theirs, both
-         real(wp) :: values(size(law%weight), size(y, 2))
+         real(wp) :: values(size(view%weight), size(y, 2))
          integer :: i
 
          associate (own => y(view%first:view%last, :), n => pool%n_samples(case_number), &
@@ -75,7 +74,7 @@ contains
             call predict(fit, view%rows, values)
             call law_mean(surrogate, fit, view, values, ours)
             theirs = among_all(pool, case_number, plain_mean(own), sampled(:, 1)%value)
-            call join(law, values, n, ours, theirs, [(0.0_wp, i=1, size(y, 2))], both, error)
+            call join(view, values, n, ours, theirs, [(0.0_wp, i=1, size(y, 2))], both, error)
             if (allocated(error)) return
             best(:, 1)%value = both%value
             best(:, 1)%error = upward_error(both%value, both%stated)
@@ -83,14 +82,14 @@ contains
             call law_deviation(surrogate, fit, view, values, ours)
             theirs = among_all(pool, case_number, plain_deviation(own), &
                                sampled(:, last)%value)
-            call find_sensitivity(surrogate, fit, view, law, values(:, 1), ours, &
+            call find_sensitivity(surrogate, fit, view, values(:, 1), ours, &
                                   sensitivity(:, case_number), error)
             if (allocated(error)) return
             do i = 1, size(y, 2)   ! the root of a mean of squares
-               values(:, i) = (values(:, i) - dot_product(law%weight, values(:, i)))**2 &
+               values(:, i) = (values(:, i) - dot_product(view%weight, values(:, i)))**2 &
                               /(2.0_wp*ours%value(i))
             end do
-            call join(law, values, n, ours, theirs, &
+            call join(view, values, n, ours, theirs, &
                       residual_share(fit%residual(view%first:view%last, :), own), both, error)
             if (allocated(error)) return
             best(:, last)%value = both%value
@@ -103,7 +102,7 @@ contains
          integer, intent(in) :: case_number
          type(statistic_type), intent(inout) :: best(:, :)   !! (number, statistic)
          type(estimates_type) :: ours, theirs, both
-         real(wp), dimension(size(law%weight), size(y, 2)) :: of_point, values
+         real(wp), dimension(size(view%weight), size(y, 2)) :: of_point, values
          real(wp) :: least(size(y, 2)), ends(2), inverse, width(2, size(y, 2))
          integer :: i, n, p
 
@@ -125,7 +124,7 @@ contains
                inverse = inverse_density(theirs%influence(:, i), n, share_below(p))
                of_point(:, i) = merge(-inverse, 0.0_wp, values(:, i) <= ours%value(i))
             end do
-            call join(law, of_point, n, ours, theirs, least, both, error)
+            call join(view, of_point, n, ours, theirs, least, both, error)
             if (allocated(error)) return
             do i = 1, size(y, 2)
                ends = both%stated(i)*both%stretch(:, i)

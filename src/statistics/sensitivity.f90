@@ -4,7 +4,6 @@ module statistics_sensitivity
    use core_kinds, only: wp
    use numerics_lapack, only: multiply, solve_positive_definite
    use statistics_estimates, only: estimates_type, stated_error, statistic_type
-   use statistics_law, only: law_type
    use statistics_influences, only: view_type
    use statistics_surrogate, only: average_features, fit_type, surrogate_type
    implicit none(type, external)
@@ -18,11 +17,10 @@ contains
    !> Computes the sensitivities. With u = A'W G, b = (A'W A)^-1 u: Cov(f_j, G) is the sum of u b
    !> over the polynomials of input j. Leaving out a sample changes u as it changes the
    !> coefficients of the features.
-   subroutine find_sensitivity(surrogate, fit, view, law, values, deviation, share, error)
+   subroutine find_sensitivity(surrogate, fit, view, values, deviation, share, error)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit                !! of one output
       type(view_type), intent(in) :: view
-      type(law_type), intent(in) :: law
       real(wp), intent(in) :: values(:)                !! (point) G
       type(estimates_type), intent(in) :: deviation    !! of the output, by law_deviation
       type(statistic_type), intent(out) :: share(:)    !! (input) of the variance
@@ -32,18 +30,18 @@ contains
       real(wp) :: of_pairs, variance
       integer :: d, i, j, k, n_terms
 
-      d = size(law%x, 2)
+      d = size(view%x, 2)
       n_terms = degree*d
       allocate (a(size(values), n_terms), square(n_terms, n_terms))
       do j = 1, d
          do k = 1, degree
-            a(:, degree*(j - 1) + k) = law%x(:, j)**k
+            a(:, degree*(j - 1) + k) = view%x(:, j)**k
          end do
       end do
       allocate (weighted, mold=a)
       do k = 1, n_terms
-         a(:, k) = a(:, k) - dot_product(law%weight, a(:, k))
-         weighted(:, k) = law%weight*a(:, k)
+         a(:, k) = a(:, k) - dot_product(view%weight, a(:, k))
+         weighted(:, k) = view%weight*a(:, k)
       end do
       call multiply(a, weighted, square, transposes_a=.true.)
       do k = 1, n_terms
@@ -54,7 +52,7 @@ contains
       allocate (to_u(n_terms, 1 + size(surrogate%eigenvalue)))   ! u, its changes with features
       call multiply(view%rows, weighted, of_rows)
       call average_features(surrogate, of_rows, 0.0_wp, of_features)
-      to_u(:, 1) = matmul(values - dot_product(law%weight, values), weighted)
+      to_u(:, 1) = matmul(values - dot_product(view%weight, values), weighted)
       to_u(:, 2:) = transpose(of_features)
       allocate (to_b, source=to_u)   ! b and its changes
       call solve_positive_definite(square, to_b, error)

@@ -12,7 +12,7 @@ module statistics_spectra
                                    upward_error
    use statistics_influences, only: thin_view, view_law, view_type, width_of
    use statistics_kernel_choice, only: learn_kernel
-   use statistics_law, only: choose_points, error_of_points, law_type, n_points
+   use statistics_law, only: choose_points, error_of_points, n_points
    use statistics_pool, only: among_all, pool_type, residual_share
    use statistics_regression, only: law_mean_of_exponential, law_percentile
    use statistics_surrogate, only: fit_outputs, fit_type, make_room, predict, surrogate_type
@@ -52,7 +52,6 @@ contains
       real(wp), allocatable :: values(:, :), grown(:, :)
       type(surrogate_type) :: surrogate
       type(fit_type), allocatable :: fits(:)
-      type(law_type) :: law
       type(view_type) :: view
       integer :: k, number
 
@@ -65,10 +64,11 @@ contains
          call fit_outputs(surrogate, outputs(:, first_of(k):first_of(k + 1) - 1), fits(k))
       end do
       do number = 1, size(plain, 3)
-         call choose_points(pool%draws(number), surrogate%direction, n_points, law, error)
+         call choose_points(pool%draws(number), surrogate%direction, n_points, view%law_type, &
+                            error)
          if (allocated(error)) return
-         call view_law(surrogate, law, pool%first(number), pool%first(number + 1) - 1, view)
-         call thin_view(surrogate, law, view)
+         call view_law(surrogate, pool%first(number), pool%first(number + 1) - 1, view)
+         call thin_view(surrogate, view)
          call estimate_case(number, spectra(:, :, number), integrals(:, number))
       end do
 
@@ -90,13 +90,13 @@ contains
          real(wp), allocatable :: width(:, :)    ! (2, frequency) of G
          !> of exp(G) at each point; influences of each point on those of percentiles, and on the
          !> logarithm of the last one's over the first one's
-         real(wp) :: power(size(law%weight), size(integral))
+         real(wp) :: power(size(view%weight), size(integral))
          real(wp) :: of_points(size(integral)), reach(2)
          integer :: f, first, k, last, n, s
 
          sums%value = step*sum(plain(size(outputs, 2) + 1:, :, number)%value, 1)
-         call make_room(values, size(law%weight), together)
-         call make_room(grown, size(law%weight), together)
+         call make_room(values, size(view%weight), together)
+         call make_room(grown, size(view%weight), together)
          power = 0.0_wp
          do k = 1, size(fits)
             first = first_of(k)
@@ -125,7 +125,7 @@ contains
          end do
          n = size(sums)
          power(:, n + 1) = power(:, n)/sums(n)%value - power(:, 2)/sums(2)%value
-         call error_of_points(law, power, of_points, error)
+         call error_of_points(view, power, of_points, error)
          if (allocated(error)) return
          do s = 1, n   ! of percentiles the longer side of the logarithm's interval
             integral(s)%value = sums(s)%value
@@ -159,7 +159,7 @@ contains
             end do
             call law_mean_of_exponential(surrogate, fits(k), view, grown(:, :n), own, ours)
          end associate
-         call join(law, grown(:, :n), pool%n_samples(number), ours, theirs, &
+         call join(view, grown(:, :n), pool%n_samples(number), ours, theirs, &
                    [(0.0_wp, o=1, n)], both, error)
          if (allocated(error)) return
          do o = 1, n
@@ -197,7 +197,7 @@ contains
                   reach = inverse_density(theirs%influence(:, o), n_samples, p)
                   grown(:, o) = merge(-reach, 0.0_wp, values(:, o) <= ours%value(o))
                end do
-               call join(law, grown(:, :n), n_samples, ours, theirs, &
+               call join(view, grown(:, :n), n_samples, ours, theirs, &
                          residual_share(fits(k)%residual(view%first:view%last, :), own), both, &
                          error)
                if (allocated(error)) return
