@@ -6,8 +6,14 @@ from collections.abc import Hashable, Mapping
 
 import xarray as xr
 
+MAXIMUM_ENTROPY = "maximum entropy"  # law of a process of Sec. 2
 LONGEST_LAG = 20  # shown; the paper's figures end about there
 Kind = tuple[str, str, float, int]
+
+
+def is_maximum_entropy(process: xr.Dataset) -> bool:
+    """True for a process of Sec. 2; what it is compared with has neither order nor sampler."""
+    return str(process.attrs.get("law", MAXIMUM_ENTROPY)) == MAXIMUM_ENTROPY
 
 
 def order_of(process: xr.Dataset) -> int:

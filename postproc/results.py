@@ -16,11 +16,10 @@ import xarray as xr
 
 from .groups import open_group
 from .output import InputError, readable
-from .processes import imposed_lengths
+from .processes import MAXIMUM_ENTROPY, imposed_lengths
 
 #: transitions of a sample whose joints stick, springs of a free body, dampers of none
 _MAY_BE_EMPTY = ("transition", "stiffness_entry", "damping_entry")
-MAXIMUM_ENTROPY = "maximum entropy"  # law of a process of Sec. 2
 _FORMAT_VERSION = 3  # of the layout, as in src/io/identity.f90
 
 

@@ -13,8 +13,8 @@ from . import joints, sensitivity, tradeoff
 from .paper.deterministic_statements import slip_with_error
 from .paper.evidence import Statement
 from .paper.printed import SLIP_HZ, SLIP_PERCENT, STDS, STUCK_HZ, is_paper_study
-from .processes import imposed_lengths
-from .results import MAXIMUM_ENTROPY, Case, Results
+from .processes import imposed_lengths, is_maximum_entropy
+from .results import Case, Results
 from .table import Table, value_with_error
 
 _MOST_COLUMNS = 12  # of a table over joints or modes; longer chains stand upright
@@ -236,11 +236,10 @@ def table_processes(results: Results) -> Table:
     rows = []
     for name, data in results.processes.items():
         asked = data.attrs
-        length = imposed_lengths(asked)
-        law = str(asked.get("law", MAXIMUM_ENTROPY))
-        if law != MAXIMUM_ENTROPY:
-            length = model = law
+        if not is_maximum_entropy(data):
+            length = model = str(asked["law"])
         else:
+            length = imposed_lengths(asked)
             method = "AR" if asked["method"] == "autoregressive" else asked["method"]
             model = f"{method}({asked.get('order_found', asked['order']) or 'chosen'})"
             if int(asked["positive"]):

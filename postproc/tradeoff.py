@@ -13,6 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from .figures import style
 from .figures.figure import SECTIONS, Figure
 from .groups import open_group
+from .processes import is_maximum_entropy
 from .results import Results
 from .table import Table, rounded, value_with_error
 
@@ -75,6 +76,8 @@ def _names(processes: Mapping[str, xr.Dataset]) -> dict[int, str]:
     """'$L_0$ = 0.3, std 0.1' of each process, by its number."""
     names = {}
     for name, process in processes.items():
+        if not is_maximum_entropy(process):
+            continue
         of = process.attrs
         definition = str(of["correlation"])
         names[int(name[1:])] = (

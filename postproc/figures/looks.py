@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 
 from ..paper.printed import LEVELS
-from ..results import MAXIMUM_ENTROPY, Case
+from ..processes import MAXIMUM_ENTROPY
+from ..results import Case
 from . import style
 
 _MOST_NAMES = 8  # of a legend within the axes

@@ -12,13 +12,14 @@ from ..processes import (
     Kind,
     difference_from_free,
     imposed_lengths,
+    is_maximum_entropy,
     is_positive,
     kind_of,
     length_of,
     model_of,
     order_of,
 )
-from ..results import MAXIMUM_ENTROPY, Results
+from ..results import Results
 from . import process_figures
 from .figure import SECTIONS, Figure
 
@@ -29,10 +30,8 @@ def of_processes(results: Results) -> Iterator[Figure]:
     """Figs. 1 to 6, of processes that a scene without chain solved."""
     if results.structure is not None:
         return
-    solved = [
-        p for p in results.processes.values()
-        if p.attrs["status"] == "solved" and p.attrs.get("law", MAXIMUM_ENTROPY) == MAXIMUM_ENTROPY
-    ]  # fmt: skip
+    processes = [p for p in results.processes.values() if is_maximum_entropy(p)]
+    solved = [p for p in processes if p.attrs["status"] == "solved"]
     free = [p for p in solved if not is_positive(p)]
     asked = [p for p in free if int(p.attrs["order"]) > 0]
     regressive = [p for p in asked if p.attrs["method"] == "autoregressive"]
@@ -72,7 +71,7 @@ def of_processes(results: Results) -> Iterator[Figure]:
             " imposed the largest that keeps L0 above it.",
             _PROCESSES, (partial(process_figures.plot_chosen_orders, processes=chosen),),
         )  # fmt: skip
-    refused = [p for p in results.processes.values() if p.attrs["status"] == "infeasible"]
+    refused = [p for p in processes if p.attrs["status"] == "infeasible"]
     yield from _positive(solved, asked, refused)
     for name, process in results.processes.items():
         if "realizations" in process:

@@ -158,7 +158,7 @@ def table_correlations(results: Results) -> Table | None:
         curve = process["autocovariance"].values
         length = length_of(process)
         cells = (f"{curve[lag] / curve[0]:.3f}" for lag in apart)
-        rows.setdefault(length, (f"L0 = {length:g}", str(process.attrs["order"]), *cells))
+        rows.setdefault(length, (f"L0 = {length:g}", str(process.attrs.get("order", "-")), *cells))
     if len(rows) < 2:
         return None
     note = (

@@ -8,8 +8,16 @@ from itertools import pairwise
 import numpy as np
 import xarray as xr
 
-from ..processes import difference_from_free, is_positive, kind_of, length_of, model_of, order_of
-from ..results import MAXIMUM_ENTROPY, Results
+from ..processes import (
+    difference_from_free,
+    is_maximum_entropy,
+    is_positive,
+    kind_of,
+    length_of,
+    model_of,
+    order_of,
+)  # fmt: skip
+from ..results import Results
 from .evidence import Finding, NoEvidence, Statement, all_hold, claim_range
 
 ALIKE = 0.1  # a relative difference that the paper's figures would not show
@@ -158,7 +166,7 @@ def _solved(results: Results) -> list[xr.Dataset]:
         raise NoEvidence("not the processes of Sec. 2")
     return [
         p for p in results.processes.values()
-        if p.attrs["status"] == "solved" and p.attrs.get("law", MAXIMUM_ENTROPY) == MAXIMUM_ENTROPY
+        if p.attrs["status"] == "solved" and is_maximum_entropy(p)
     ]  # fmt: skip
 
 

@@ -12,7 +12,7 @@ module io_process_results
    use process_components, only: axis_type, component, component_visitor, forget_components, &
                                  visit_components
    use process_model, only: process_model_type, process_request
-   use process_reference, only: law_name
+   use process_reference, only: is_reference, law_name
    implicit none(type, external)
    private
    public :: keep_process, process_name, read_kept, write_process
@@ -88,14 +88,16 @@ contains
 
       call group%attribute('law', law_name(request))
       call group%attribute('method', trim(request%method))
+      call group%attribute('mean', request%mean)
+      call group%attribute('std', request%std)
+      if (request%method == 'values') return
       call group%attribute('correlation', trim(request%correlation))
       call group%attribute('correlation_length', request%correlation_length)
       if (request%correlation == 'both') &
          call group%attribute('second_length', request%second_length)
-      call group%attribute('order', request%order)
-      call group%attribute('mean', request%mean)
-      call group%attribute('std', request%std)
       call group%attribute('positive', request%positive)
+      if (is_reference(request)) return
+      call group%attribute('order', request%order)
       call group%attribute('sampler', trim(request%sampler))
       if (request%positive) call group%attribute('branch_asked', trim(request%branch))
       if (.not. request%positive) call group%attribute('simulation', trim(request%simulation))

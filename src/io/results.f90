@@ -219,7 +219,8 @@ contains
             call group%attribute('process', numbered('p', case%process))
             associate (process => plan%processes(case%process))
                call group%attribute('std', process%std)
-               call group%attribute('correlation_length', process%correlation_length)
+               if (process%method /= 'values') &
+                  call group%attribute('correlation_length', process%correlation_length)
             end associate
          end if
       end associate

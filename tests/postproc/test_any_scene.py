@@ -24,7 +24,7 @@ ALONG = {f"along_{name}" for name in ("slip", "power", "distance", "displacement
 
 SCENES = {
     "some processes refused": (
-        "&process correlation_length = 0.3 order = 2 mean = 1.0 std = 0.5, 0.99"
+        "&process correlation_length = 0.0, 0.3 order = 2 mean = 1.0 std = 0.5, 1.2"
         " sampler = 'exact' /\n",
         {"positive"},
     ),
@@ -143,6 +143,18 @@ def test_a_structure_at_rest_is_drawn(results_of_scene, tmp_path):
         assert (out / "report.html").exists()
     assert not (tmp_path / "run" / "along_spectra.png").exists()
     assert not (tmp_path / "tradeoff" / "tradeoff.png").exists()
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning", "error::UserWarning")
+def test_given_values_are_drawn_beside_a_process(results_of_scene, tmp_path):
+    """They have neither length nor order nor sampler that figures or tables could name."""
+    np.savetxt(tmp_path / "friction.txt", np.linspace(0.1, 0.3, 9).reshape(3, 3))
+    text = f"&process values = '{tmp_path}/friction.txt' /\n" + PROCESS + "&chain n_dof = 3 /\n"
+    text += FORCE + SHORT + CAMPAIGN + "&output segment_length = 256 /\n"
+    for command in ("run", "tradeoff"):
+        out = tmp_path / command
+        assert main([str(results_of_scene(text, command)), "--out", str(out)]) == 0
+    assert "given values" in (tmp_path / "run" / "report.html").read_text()
 
 
 def test_lines_along_the_structure_are_every_process_at_every_level(results_of_scene):

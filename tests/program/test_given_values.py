@@ -38,6 +38,8 @@ def test_given_samples_march_as_the_drawn_ones_that_they_are(entroslip, tmp_path
         assert np.array_equal(case["friction"][()], friction)
         assert np.array_equal(case["slip_fraction"][()], slip)
         assert process.attrs["law"] == "given values"
+        not_asked = {"correlation", "correlation_length", "order", "positive", "sampler"}
+        assert not not_asked & (process.attrs.keys() | case.attrs.keys())
         # summed in another order
         assert process["mean_found"][()] == pytest.approx(friction.mean(), rel=1e-14)
         assert "entropy" not in process
@@ -96,6 +98,9 @@ def test_laws_of_reference_are_named_in_the_results(entroslip, tmp_path):
     with h5py.File(tmp_path / "s.h5") as file:
         laws = [file[f"process/p00{i}"].attrs["law"] for i in (1, 2, 3)]
         assert laws == ["independent", "maximum entropy", "fully correlated"]
+        ordered = ["order" in file[f"process/p00{i}"].attrs for i in (1, 2, 3)]
+        assert ordered == [False, True, False]
+        assert file["process/p003"].attrs["correlation_length"] == 1e12
         one = file["campaign/c003/friction"][()]
         assert np.array_equal(one, np.repeat(one[:, :1], 3, axis=1))
         assert np.ptp(one[:, 0]) > 0.0
