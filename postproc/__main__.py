@@ -18,7 +18,7 @@ from .figures.figure import Figure, Ranges
 from .figures.gallery import make_figures
 from .figures.style import apply_style
 from .measured import measured_figure, read_measured
-from .output import InputError, Parser, exit_code, make_folder, say
+from .output import InputError, Parser, exit_code, say
 from .paper.numbers import table_correlations, table_numbers
 from .paper.printed import AXES
 from .paper.statements import assess
@@ -38,8 +38,6 @@ def main(arguments: list[str] | None = None) -> int:
         options = parser.parse_args(words[1:] if is_comparison else words)
         apply_style(*options.style)
         files = told_apart([open_results(path) for path in options.results])
-        if options.out is not None:
-            make_folder(options.out)
         try:
             say(_compare(files, options.out) if is_comparison else _draw(files, options))
         except OSError:

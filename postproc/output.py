@@ -63,16 +63,12 @@ def say(text: str) -> None:
         raise _unwritten(error) from error
 
 
-def make_folder(path: Path) -> None:
-    """Create the folder and those above it, where they are missing."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be made a folder: {error.strerror}") from error
-
-
 def write_file(path: Path, content: bytes) -> None:
-    """Write under a name of its own, then rename: a file of this name is always whole."""
+    """Write under a name of its own, then rename: a file of this name is always whole.
+
+    The folder is created with its first file, so that work that fails before leaves none.
+    """
+    _make_folder(path.parent)
     part = path.with_name(f"{path.name}.part")
     try:
         try:
@@ -94,6 +90,13 @@ def readable(text: bytes | str) -> str:
         return raw.decode("utf-8")
     except UnicodeDecodeError:
         return raw.decode("cp1252", "replace")
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be made a folder: {error.strerror}") from error
 
 
 def _flush() -> None:

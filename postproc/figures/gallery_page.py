@@ -13,7 +13,7 @@ from pathlib import Path
 from PIL import Image
 
 from .. import headless  # noqa: F401  (before matplotlib)
-from ..output import Parser, exit_code, make_folder, say, write_file
+from ..output import Parser, exit_code, say, write_file
 from ..paper.evidence import Statement
 from ..paper.statements import assess
 from ..results import Results, open_results
@@ -36,7 +36,6 @@ the results of `./quickstart.sh`, by
 def write_page(files: list[Results], path: Path) -> list[Path]:
     """The page, and a folder of its name beside it; returns the pictures."""
     folder = path.with_suffix("")
-    make_folder(folder)
     figures = make_figures(files)
     pictures = [_small_picture(figure, folder) for figure in figures]
     parts = [_HEAD, *_verdicts(assess(files))]

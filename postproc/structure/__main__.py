@@ -50,7 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         written = write_scene(options.out, pair, joints, scene, options.replace)
         say(f"{options.out}: {', '.join(path.name for path in written)}")
         scene_path = quote(str(written[-1]))
-        say(f"next: put your values into joints.txt, then entroslip check {scene_path}")
+        what = "values" if joints else "joints, one a line,"
+        say(f"next: put your {what} into joints.txt, then entroslip check {scene_path}")
 
     return exit_code(work)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
-from ..output import InputError, make_folder, write_file
+from ..output import InputError, write_file
 from .pair import Matrix, Pair, frequencies
 
 _GROUND = 0  # dof_b of a joint to the ground
@@ -69,7 +69,6 @@ def write_scene(
     if not _is_single(options):
         texts["load.txt"] = _load_text(pair, options)
     texts["scene.nml"] = _scene_text(pair, joints, options)
-    make_folder(folder)
     there = [name for name in texts if (folder / name).exists()]
     if there and not replace:
         raise InputError(f"{folder / there[0]}: exists; --replace writes it anew")

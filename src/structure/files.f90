@@ -128,6 +128,7 @@ contains
       type(structure_paths), intent(in) :: paths
       type(structure_type), intent(inout) :: structure
       type(complaint_list), intent(inout) :: complaints
+      character(*), parameter :: columns = 'dof_a dof_b stiffness normal_load friction'
       type(table_type) :: table
       integer :: n_before, n_dofs
 
@@ -135,7 +136,8 @@ contains
       n_dofs = merge(2, 0, paths%directions == '')
       call read_table(paths%joints, n_dofs + 3, n_dofs + 4, table, complaints)
       if (complaints%n == n_before .and. table%n_rows == 0) &
-         call complaints%add_general(paths%joints//': must hold one joint or more')
+         call complaints%add_general(paths%joints//': must hold one joint or more, one a '// &
+                                     'line: '//columns(merge(1, 13, n_dofs == 2):))
       if (complaints%n > n_before) return
       structure%n_joints = table%n_rows
       call read_properties(table, n_dofs, structure, complaints)

@@ -8,7 +8,8 @@ module structure_model
    use core_kinds, only: two_pi, wp
    use core_memory, only: gives_memory
    use core_text, only: to_text
-   use numerics_lapack, only: multiply, solve_symmetric_eigenproblem
+   use numerics_lapack, only: multiply, solve_positive_definite, solve_symmetric_eigenproblem, &
+                              unit_matrix
    implicit none(type, external)
    private
    public :: build_structure, damping_type, part_names, structure_type
@@ -94,19 +95,36 @@ contains
       structure%n_joints = size(structure%joint_stiffness)
       structure%n_forces = size(structure%load, 2)
       structure%n_points = maxval(structure%friction_point)
-      call find_modes(structure%stiffness, structure%mass, structure%frequencies_slip, n_zero, &
-                      error)
-      if (allocated(error)) then
-         if (error%exit_code == exit_bad_input) call raise(error, exit_bad_input, names%mass// &
-                                                ': a mass matrix must be positive definite')
+      if (is_singular(structure%mass)) then
+         call raise(error, exit_bad_input, names%mass//': a mass matrix must be positive definite')
          return
       end if
+      call find_modes(structure%stiffness, structure%mass, structure%frequencies_slip, n_zero, &
+                      error)
+      if (allocated(error)) return
       call find_modes(structure%stuck_stiffness([(.true., j=1, structure%n_joints)]), &
                       structure%mass, structure%frequencies_stuck, structure%n_zero_modes, error, &
                       structure%modes_stuck, names%stiffness)
       if (allocated(error)) return
       call form_damping(damping, names%damping, structure, error)
    end subroutine build_structure
+
+   !> True if M is not positive definite, or only by rounding: 1/(M_ii (M^-1)_ii), the share of a
+   !> dof's mass that moves with no other dof, is below n epsilon, in any units.
+   logical function is_singular(mass)
+      real(wp), intent(in) :: mass(:, :)
+      type(error_type), allocatable :: error
+      real(wp), allocatable :: factor(:, :), inverse(:, :)
+      integer :: i, n
+
+      n = size(mass, 1)
+      allocate (factor, source=mass)
+      allocate (inverse, source=unit_matrix(n))
+      call solve_positive_definite(factor, inverse, error)
+      is_singular = allocated(error)
+      if (.not. is_singular) &
+         is_singular = any([(n*epsilon(1.0_wp)*mass(i, i)*inverse(i, i) > 1.0_wp, i=1, n)])
+   end function is_singular
 
    !> Forms C by whichever kind of damping is given.
    subroutine form_damping(damping, name, structure, error)

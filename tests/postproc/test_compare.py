@@ -210,7 +210,9 @@ def test_the_note_says_what_samples_have_in_common(results_of_scene, results_fil
 
 
 def test_compare_wants_two_files(results_file, tmp_path, capsys):
-    assert main(["compare", str(results_file), "--out", str(tmp_path)]) == 2
+    out = tmp_path / "out"
+    assert main(["compare", str(results_file), "--out", str(out)]) == 2
+    assert not out.exists()
     assert "needs two results files or more" in capsys.readouterr().err
 
 
