@@ -21,7 +21,7 @@ module tradeoff_pilot
    real(wp), parameter :: negligible = 1.0e-8_wp
    integer, parameter :: sparsest = 16             !! every 16th step at most
    integer, parameter :: pilot_segments = 8        !! of the march
-   real(wp), parameter :: most_memory = 256.0e6_wp !! [byte] of spectra that are made at once
+   real(wp), parameter :: most_memory = 64.0e6_wp  !! [byte] of what is marched at once
 
 contains
 
@@ -34,9 +34,9 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: short
       type(runner_type) :: runner
-      real(wp), allocatable :: psd(:, :, :)   ! (dof, frequency, march)
-      integer, allocatable :: marched(:)
-      integer :: c, first, n, together, twin(size(plan%cases))
+      real(wp), allocatable :: share(:, :, :)   ! (dof, march, k)
+      integer, allocatable :: every(:), marched(:)
+      integer :: c, first, i, n, together, twin(size(plan%cases))
 
       short = shortened(plan)
       n = short%integration%n_steps
@@ -44,28 +44,30 @@ contains
       if (allocated(error)) return
       twin = [(first_alike(plan, c), c=1, size(plan%cases))]
       marched = pack([(c, c=1, size(plan%cases))], twin == [(c, c=1, size(plan%cases))])
-      allocate (psd(plan%structure%n_dof, size(runner%layout%frequency), size(marched)))
-      associate (memory => 12.0_wp*plan%structure%n_dof*short%output%segment_length)
+      every = choices(plan%output%spectrum_every, plan%output%segment_length)
+      allocate (share(plan%structure%n_dof, size(marched), size(every)))
+      associate (memory => 16.0_wp*plan%structure%n_dof*short%output%segment_length &
+                           + 8.0_wp*plan%structure%n_forces*n)   ! spectra and forces of a case
          together = max(1, min(size(marched), int(most_memory/memory)))
       end associate
       do first = 1, size(marched), together
          associate (last => min(first + together - 1, size(marched)))
-            call march_cases(marched(first:last), runner, psd(:, :, first:last), error)
+            call march_cases(marched(first:last), runner, every, share(:, first:last, :), error)
          end associate
          if (allocated(error)) return
       end do
-      associate (every => plan%output%spectrum_every)
-         if (every == 0) every = sparsest_allowed(plan%output%segment_length, psd)
-         folded_share = share_above(psd, every)
-      end associate
-      folded_share = folded_share(:, [(findloc(marched, twin(c), dim=1), c=1, size(twin))])
+      i = max(1, count([(.not. any(share(:, :, i) > negligible), i=1, size(every))]))
+      plan%output%spectrum_every = every(i)
+      folded_share = share(:, [(findloc(marched, twin(c), dim=1), c=1, size(twin))], i)
    end subroutine choose_every
 
-   !> Marches one sample of each of some cases as one block, each under the force of its case.
-   subroutine march_cases(cases, runner, psd, error)
+   !> Marches one sample of each of some cases as one block, each under the force of its case, and
+   !> finds the shares of its power that every k-th step would fold.
+   subroutine march_cases(cases, runner, every, share, error)
       integer, intent(in) :: cases(:)
       type(runner_type), intent(in) :: runner      !! of all cases
-      real(wp), intent(out) :: psd(:, :, :)        !! (dof, frequency, case)
+      integer, intent(in) :: every(:)              !! k
+      real(wp), intent(out) :: share(:, :, :)      !! (dof, case, k)
       type(error_type), allocatable, intent(out) :: error
       type(level_type) :: level
       type(block_result) :: result
@@ -83,7 +85,10 @@ contains
          end do
          call march_level(plan, level, own_setting(plan), never, result, nanoseconds, error, runner)
       end associate
-      if (.not. allocated(error)) psd(:, :, :) = result%psd
+      if (allocated(error)) return
+      do i = 1, size(every)
+         share(:, :, i) = share_above(result%psd, every(i))
+      end do
    end subroutine march_cases
 
    !> A stripped plan with a short march at the full rate.
@@ -138,19 +143,22 @@ contains
       where (sum(psd, 2) > 0.0_wp) share = sum(psd(:, kept + 1:, :), 2)/sum(psd, 2)
    end function share_above
 
-   !> Segments must stay whole, and be worth the name.
-   pure function sparsest_allowed(segment_length, psd) result(every)
+   !> The k that are tried, ascending: the one given; else powers of two by which segments stay
+   !> whole, and worth the name.
+   pure function choices(given, segment_length) result(every)
+      integer, intent(in) :: given             !! 0: none
       integer, intent(in) :: segment_length
-      real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, march)
-      integer :: every
+      integer, allocatable :: every(:)
       integer, parameter :: shortest = 64
+      integer :: k
 
-      every = 1
-      do while (every < sparsest)
-         if (modulo(segment_length, 2*every) /= 0 .or. segment_length/(2*every) < shortest) return
-         if (any(share_above(psd, 2*every) > negligible)) return
-         every = 2*every
+      every = [max(1, given)]
+      k = 2
+      do while (given == 0 .and. k <= sparsest .and. modulo(segment_length, k) == 0 .and. &
+                segment_length/k >= shortest)
+         every = [every, k]
+         k = 2*k
       end do
-   end function sparsest_allowed
+   end function choices
 
 end module tradeoff_pilot
