@@ -136,7 +136,8 @@ contains
             call output%say('every sample is there: run without --share to make '//output%path)
          else
             call output%say('nothing left to take: other runs have '// &
-                            counted(n, 'sample', 'samples')//'; in the end, run without --share')
+                            counted(n, 'sample', 'samples')// &
+                            ', or left them; in the end, run without --share')
          end if
       end if
       call output%end_run(exit_done)
