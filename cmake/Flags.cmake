@@ -33,7 +33,7 @@ set(lane_loops "$<$<CONFIG:Release>:${lane_loops}>")
 if(ENTROSLIP_SANITIZE)
   list(APPEND debug -fsanitize=address,undefined -fno-omit-frame-pointer)
   target_link_options(entroslip_flags INTERFACE -fsanitize=address,undefined)
-  # For rooms that hand on arrays which may be absent or unallocated: gfortran computes with their bounds, to no effect.
+  # For rooms that hand on arrays which may be absent, unallocated or empty: gfortran computes with their bounds, to no effect.
   set(no_bounds -fno-sanitize=signed-integer-overflow)
 endif()
 target_compile_options(entroslip_flags INTERFACE
