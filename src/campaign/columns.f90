@@ -16,7 +16,7 @@ module campaign_columns
    use numerics_sorting, only: sort_order
    use numerics_statistics, only: deviation_error_of_sums, deviation_of_sums, freedoms_of_sums, &
                                   joined_sums, mean_error_of_sums, n_sums, sums_of
-   use statistics_estimates, only: end_beyond, statistic_type
+   use statistics_estimates, only: end_beyond, statistic_type, uncross
    use statistics_order, only: at_rank, interval_rank
    implicit none(type, external)
    private
@@ -127,7 +127,6 @@ contains
             if (self%is_beyond(p, which)) &
                percentile(p, which) = end_beyond(sorted, self%share_below(p), which == high)
          end do
-         percentile(:, which) = percentile(sort_order(percentile(:, which)), which)
       end do
       self%sums(:, column, group) = sums_of(values)
       self%at(column, :, :) = self%at(column, :, :) &
@@ -190,12 +189,13 @@ contains
          if (present(deviations)) deviations(column) = &
             statistic_type(deviation_of_sums(sums), deviation_error_of_sums(sums))
          if (present(freedoms)) freedoms(column) = freedoms_of_sums(sums)
+         associate (percentiles => statistics(column, 2:))
+            percentiles%value = self%at(column, :, middle)
+            percentiles%low = self%at(column, :, low)
+            percentiles%high = self%at(column, :, high)
+            call uncross(percentiles)   ! ends beyond the samples may be
+         end associate
       end do
-      associate (percentiles => statistics(:, 2:))
-         percentiles%value = self%at(:, :, middle)
-         percentiles%low = self%at(:, :, low)
-         percentiles%high = self%at(:, :, high)
-      end associate
    end subroutine finish
 
    !> Place of the order statistic below a percentile.
