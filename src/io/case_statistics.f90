@@ -1,6 +1,6 @@
-!> Statistics of a case in its group of the results file: the best estimates, plain sampling's in
-!> `plain/`, and in `error_ratio/` how much larger the errors of those are. In `audit/` its samples
-!> as the reference marched them, and what the differences tell of the case's numerical error.
+!> Statistics of a case in its group of the results file: the best estimates, the plain estimates in
+!> `plain/`, and the ratios of their errors in `error_ratio/`; in `audit/` the samples that the
+!> reference method repeated, and the numerical error that their differences show.
 module io_case_statistics
    use campaign_comparison, only: band_ratio_error, numerical_error, slip_error
    use campaign_plan, only: integration_settings, kept_of, plan_type, reference_for
@@ -19,13 +19,12 @@ module io_case_statistics
    use statistics_estimates, only: statistic_type
    implicit none(type, external)
    private
-   public :: write_estimates
-   public :: write_audit
+   public :: write_audit, write_estimates
 
 contains
 
-   !> Writes the best estimates of a case with the errors that the march adds, and beside them plain
-   !> ones where a regression gave those. Takes the first error of all.
+   !> Writes the best estimates of a case and the errors of the finite march; also the plain
+   !> estimates, if the best ones come from a regression. `error` is the first of all in the group.
    subroutine write_estimates(group, plain, found, error)
       type(group_type), intent(inout) :: group
       type(case_statistics), intent(in) :: plain
@@ -41,21 +40,21 @@ contains
       call write_time_errors(group, plain)
       if (found%estimator /= 'plain') then
          call write_sensitivities(group, found)
-         call write_beside(group, plain, found)
+         call write_plain(group, plain, found)
       end if
       call group%take_error(error)
    end subroutine write_estimates
 
-   !> Writes the errors that the finite length of the march adds, whatever the estimator.
+   !> Writes the time-average errors, which do not depend on the estimator.
    subroutine write_time_errors(group, plain)
       type(group_type), intent(inout) :: group
       type(case_statistics), intent(in) :: plain
-      character(*), parameter :: of_time = 'time-average error, the same for any number of '// &
-                                           'samples, of '
+      character(*), parameter :: time_error = 'time-average error, the same for any number of '// &
+                                              'samples, of '
       integer :: last
 
       call group%put('slip_mean_time_error', plain%slip_mean_time_error, '1', &
-                     of_time//'slip_mean', 'joint')
+                     time_error//'slip_mean', 'joint')
       call group%put('slip_std_time_part', plain%slip_std_time_part, '1', &
                      'part of slip_std that the time average adds', 'joint')
       if (.not. allocated(plain%pseudo_variance_time_error)) return
@@ -64,10 +63,10 @@ contains
       associate (errors => plain%pseudo_variance_time_error)
          last = size(errors, 2)
          call group%put('pseudo_variance_mean_time_error', errors(:, 1), 'm^2', &
-                        of_time//'pseudo_variance_mean', 'kept')
+                        time_error//'pseudo_variance_mean', 'kept')
          call group%put('pseudo_variance_percentiles_time_error', errors(:, 2:last - 1), 'm^2', &
-                        of_time//'pseudo_variance_percentiles', 'percentile kept')
-         call group%put('band_ratio_time_error', errors(:, last), '1', of_time//'band_ratio', &
+                        time_error//'pseudo_variance_percentiles', 'percentile kept')
+         call group%put('band_ratio_time_error', errors(:, last), '1', time_error//'band_ratio', &
                         'kept')
       end associate
    end subroutine write_time_errors
@@ -85,31 +84,30 @@ contains
                      'standard error of sensitivity', 'joint friction_point')
    end subroutine write_sensitivities
 
-   !> Writes the groups `plain` (plain estimates) and `error_ratio`, and the attributes that say
-   !> what each best estimate gains.
-   subroutine write_beside(group, plain, found)
+   !> Writes the groups `plain` and `error_ratio`.
+   subroutine write_plain(group, plain, found)
       type(group_type), intent(inout) :: group
       type(case_statistics), intent(in) :: plain
       type(case_estimates), intent(in) :: found
-      type(group_type) :: beside
+      type(group_type) :: member
 
       if (allocated(group%error)) return
-      beside = group
-      call beside%go_to(group%path//'/plain')
-      call write_methods(beside, .false., allocated(plain%psd))
-      call write_statistics(beside, plain)
-      call beside%go_to(group%path//'/error_ratio')
-      call write_statistics(beside, found%best, found)
-      call beside%take_error(group%error)
-   end subroutine write_beside
+      member = group
+      call member%go_to(group%path//'/plain')
+      call write_methods(member, .false., allocated(plain%psd))
+      call write_statistics(member, plain)
+      call member%go_to(group%path//'/error_ratio')
+      call write_statistics(member, found%best, found)
+      call member%take_error(group%error)
+   end subroutine write_plain
 
-   !> Writes each statistic of a case, with its error or interval; or, where `gains` is there, the
-   !> ratios of plain sampling's errors to those of estimates, and with each estimate in the group
-   !> above what it gains.
-   subroutine write_statistics(group, statistics, gains)
+   !> Writes each statistic of a case with its error or interval. If `estimates` is present, writes
+   !> instead the ratios of plain sampling's errors to theirs, and attributes of each estimate in
+   !> the group above.
+   subroutine write_statistics(group, statistics, estimates)
       type(group_type), intent(inout) :: group
       type(case_statistics), intent(in) :: statistics
-      type(case_estimates), intent(in), optional :: gains
+      type(case_estimates), intent(in), optional :: estimates
       integer :: last, n, n_f, np
 
       last = size(statistics%numbers, 2)
@@ -146,7 +144,7 @@ contains
 
    contains
 
-      !> Puts the statistics of a quantity of the joints or dofs.
+      !> Writes the statistics of a quantity of the joints or dofs.
       subroutine put_numbers(name, units, axis, quantity, numbers)
          character(*), intent(in) :: name, units
          character(*), intent(in) :: axis       !! 'joint' or 'dof'
@@ -162,21 +160,21 @@ contains
          end associate
       end subroutine put_numbers
 
-      !> Puts one statistic.
-      subroutine put(name, units, axes, about, has_interval, extents, values)
-         character(*), intent(in) :: name, units, axes, about
+      !> Writes one statistic.
+      subroutine put(name, units, axes, long_name, has_interval, extents, values)
+         character(*), intent(in) :: name, units, axes, long_name
          logical, intent(in) :: has_interval    !! else a standard error
          integer, intent(in) :: extents(:)      !! Fortran's order
          type(statistic_type), intent(in) :: values(product(extents))
 
-         if (present(gains)) then
+         if (present(estimates)) then
             call group%put(name, values%ratio, '1', &
                            'standard error of plain sampling over that of the estimate', axes, &
                            extents=extents)
-            call note_gain(group, gains, name, values%ratio)
+            call write_gain(group, estimates, name, values%ratio)
             return
          end if
-         call group%put(name, values%value, units, about, axes, extents=extents)
+         call group%put(name, values%value, units, long_name, axes, extents=extents)
          if (has_interval) then
             call group%put(name//'_low', values%low, units, 'lower end of the 95 % interval of '// &
                            name, axes, extents=extents)
@@ -190,6 +188,7 @@ contains
 
    end subroutine write_statistics
 
+   !> Writes the method of each error and interval as an attribute.
    subroutine write_methods(group, is_regression, has_bands)
       type(group_type), intent(inout) :: group
       logical, intent(in) :: is_regression, has_bands
@@ -205,25 +204,25 @@ contains
 
    contains
 
-      subroutine put(name, of_plain)
-         character(*), intent(in) :: name, of_plain
+      subroutine put(name, plain_method)
+         character(*), intent(in) :: name, plain_method
 
          if (is_regression) then
             call group%attribute(name, &
                                  'leave-one-out residuals of the regression, Student, 95 %')
          else
-            call group%attribute(name, of_plain)
+            call group%attribute(name, plain_method)
          end if
       end subroutine put
 
    end subroutine write_methods
 
-   !> Notes with a best estimate how it came about and what that gains.
-   subroutine note_gain(group, found, name, ratio)
-      type(group_type), intent(inout) :: group   !! of the ratios, in that of the estimate
+   !> Writes attributes of a best estimate: its estimator, the cases pooled, its median error ratio.
+   subroutine write_gain(group, found, name, ratio)
+      type(group_type), intent(inout) :: group   !! `error_ratio`, a member of the estimate's group
       type(case_estimates), intent(in) :: found
-      character(*), intent(in) :: name
-      real(wp), intent(in) :: ratio(:)   !! plain sampling's errors over the estimate's
+      character(*), intent(in) :: name           !! name of the estimate
+      real(wp), intent(in) :: ratio(:)           !! plain sampling's errors over the estimate's
       type(group_type) :: dataset
       character(:), allocatable :: pooled_with
       integer :: i, order(size(ratio))
@@ -245,13 +244,13 @@ contains
          call dataset%attribute('plain_reason', 'the regression explains too little')
       end if
       call dataset%take_error(group%error)
-   end subroutine note_gain
+   end subroutine write_gain
 
-   !> Writes the group of an audit: `samples` as they are read, spectra from the shards.
+   !> Writes the group of an audit: its short datasets from `samples`, the others from the shards.
    subroutine write_audit(file, plan, number, samples, layout, errors, stored, error)
       type(hdf5_file), intent(in) :: file
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number   !! of the audit among the plan's cases
+      integer, intent(in) :: number                  !! number of the audit among the plan's cases
       type(block_result), intent(inout) :: samples   !! left as it was
       type(spectrum_layout), intent(in) :: layout
       type(numerical_error), intent(in) :: errors
@@ -282,8 +281,8 @@ contains
       call finish_case(group, plan, number, stored, error)
    end subroutine write_audit
 
-   !> Writes the differences, case less reference, as far as they are known: of slip fractions
-   !> [percentage points], and of spectra, relative, integrated over frequency.
+   !> Writes the differences, case minus reference, that are known: those of slip fractions in
+   !> percentage points, those of spectra relative and integrated over frequency.
    subroutine write_errors(group, errors)
       type(group_type), intent(inout) :: group
       type(numerical_error), intent(in) :: errors
@@ -300,22 +299,22 @@ contains
       call put('band_ratio_difference', errors%band_ratio, '1', &
                'numerical error of band_ratio, relative', 'kept')
       if (.not. allocated(errors%psd_percentiles)) return
-      associate (of => errors%psd_percentiles)
-         call put('psd_percentiles_difference', reshape(of, [size(of)]), '1', &
+      associate (values => errors%psd_percentiles)
+         call put('psd_percentiles_difference', reshape(values, [size(values)]), '1', &
                   'numerical error of psd_percentiles, relative: integral of its absolute value', &
-                  'percentile kept', shape(of))
+                  'percentile kept', shape(values))
       end associate
 
    contains
 
-      !> Puts a difference, and its standard error beside it, which one sample does not tell.
-      subroutine put(name, difference, units, about, axes, extents)
-         character(*), intent(in) :: name, units, about, axes
+      !> Writes a difference, and its standard error if there are two samples or more.
+      subroutine put(name, difference, units, long_name, axes, extents)
+         character(*), intent(in) :: name, units, long_name, axes
          type(statistic_type), intent(in), optional :: difference(:)
          integer, intent(in), optional :: extents(:)
 
          if (.not. present(difference)) return
-         call group%put(name, difference%value, units, about, axes, extents=extents)
+         call group%put(name, difference%value, units, long_name, axes, extents=extents)
          if (errors%n_samples > 1) &
             call group%put(name//'_error', difference%error, units, 'standard error of '//name, &
                            axes, extents=extents)

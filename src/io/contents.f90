@@ -1,9 +1,8 @@
-!> Contents of a results file: noted in the file when it is finished, and compared and read before
-!> the file is called whole.
+!> Completeness of a results file: each group lists its members in the attribute `contents`; a check
+!> compares the lists with the file and reads every number.
 !>
-!> The attribute `contents` of each group lists its members, a group as `c001/`, a dataset with its
-!> shape in Python's order as `psd(6,513,5)`. It is made from the file itself, so that no list of
-!> names stands in the program.
+!> A list names a group as `c001/` and a dataset with its shape, in Python's order, as
+!> `psd(6,513,5)`. It is made from the file itself.
 module io_contents
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long
@@ -12,12 +11,13 @@ module io_contents
    use io_hdf5, only: hdf5_file, hdf5_group
    implicit none(type, external)
    private
-   public :: check_contents, note_contents
+   public :: check_contents, write_contents
 
-   character(*), parameter :: list = 'contents'   !! name of the attribute
-   integer, parameter :: most_named = 3           !! faults that a message names
+   character(*), parameter :: attribute = 'contents'
 
-   !> Faults of a file.
+   integer, parameter :: most_named = 3   !! largest number of faults in a message
+
+   !> Faults of a file: their number, and the text of the first ones.
    type :: fault_list
       integer :: n = 0
       character(:), allocatable :: text
@@ -27,30 +27,30 @@ module io_contents
 
 contains
 
-   !> Notes what a group of a file and those in it hold, before the file is closed.
-   recursive subroutine note_contents(file, path, error)
+   !> Writes the attribute `contents` of a group and of all groups in it.
+   recursive subroutine write_contents(file, path, error)
       type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path   !! of the group
+      character(*), intent(in) :: path   !! path of the group
       type(error_type), allocatable, intent(out) :: error
       character(:), allocatable :: members, words(:)
       type(hdf5_group) :: group
       integer :: i
 
       group = hdf5_group(file, path)
-      group%seals_texts = .true.
+      group%has_fixed_texts = .true.
       call list_members(group, members)
-      call group%attribute(list, members)
+      call group%attribute(attribute, members)
       call group%take_error(error)
       words = words_of(members)
       do i = 1, size(words)
          if (allocated(error)) return
          if (index(words(i), '/') > 0) &
-            call note_contents(file, group%at(words(i) (:index(words(i), '/') - 1)), error)
+            call write_contents(file, group%at(words(i) (:index(words(i), '/') - 1)), error)
       end do
-   end subroutine note_contents
+   end subroutine write_contents
 
-   !> Compares a file with what was noted in it and reads every number once, so that all pass HDF5's
-   !> checksums: an error names what is missing, has another shape or is damaged.
+   !> Compares a file with its lists of contents and reads every number once, so that HDF5 verifies
+   !> its checksums. An error names the members that are missing, damaged or of another shape.
    subroutine check_contents(file, error)
       type(hdf5_file), intent(in) :: file
       type(error_type), allocatable, intent(out) :: error
@@ -64,20 +64,21 @@ contains
       call raise(error, exit_file, file%path//' is damaged: '//faults%text)
    end subroutine check_contents
 
+   !> Adds the faults of a group and of all groups in it.
    recursive subroutine check_group(file, path, faults)
       type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path   !! of the group
+      character(*), intent(in) :: path   !! path of the group
       type(fault_list), intent(inout) :: faults
-      character(:), allocatable :: members, name, noted, word, words(:)
+      character(:), allocatable :: listed, members, name, word, words(:)
       type(hdf5_group) :: group
       integer :: i
 
       group = hdf5_group(file, path)
-      call group%read(list, noted)
+      call group%read(attribute, listed)
       call list_members(group, members)
-      if (allocated(group%error)) noted = ''
+      if (allocated(group%error)) listed = ''
       call add_error()
-      words = words_of(noted)
+      words = words_of(listed)
       do i = 1, size(words)
          word = trim(words(i))
          name = word(:scan(word//'/', '/(') - 1)
@@ -99,7 +100,7 @@ contains
 
    contains
 
-      !> Adds the error that the group has met.
+      !> Adds the error of the group, if it has one.
       subroutine add_error()
          if (.not. allocated(group%error)) return
          call faults%add(group%error%message(len(file%path) + 3:))
@@ -131,7 +132,7 @@ contains
       end do
    end subroutine list_members
 
-   !> (6,513,5): Python's order.
+   !> Shape of a dataset in Python's order of axes, such as (6,513,5).
    pure function shape_text(extents) result(text)
       integer(long), intent(in) :: extents(:)   !! Fortran's order
       character(:), allocatable :: text
@@ -145,6 +146,7 @@ contains
       text = text//')'
    end function shape_text
 
+   !> Adds a fault. The text has no more than the first `most_named`.
    pure subroutine add(self, fault)
       class(fault_list), intent(inout) :: self
       character(*), intent(in) :: fault

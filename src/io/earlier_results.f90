@@ -1,6 +1,6 @@
-!> An earlier results file at the place of the new one: whose it is, its samples, so that a finished
-!> campaign goes on to more of them, and the errors of its cases as it states them:
-!> targets are judged by what was written.
+!> Results file of an earlier run at the path of the output: the command that wrote it, its samples,
+!> to which a larger campaign adds others, and the stated errors of its cases, which are compared
+!> with the scene's targets.
 module io_earlier_results
    use campaign_results, only: case_statistics
    use core_error, only: error_type
@@ -18,27 +18,28 @@ module io_earlier_results
    public :: check_replaceable, inspect_results, stored_in_results
    public :: case_errors, read_errors
 
-   !> Errors of one case. The statistics are those of mean slip fractions, where they are known.
+   !> Stated errors of one case. The statistics are those of mean slip fractions, if the file has
+   !> them.
    type :: case_errors
       type(case_statistics) :: statistics
-      character(:), allocatable :: estimator   !! of the statistics; empty without statistics
-      real(wp), allocatable :: percentiles(:)  !! [%] of the statistics; empty without statistics
-      integer :: n_audited = 0
-      integer :: n_unsteady = -1         !! samples under a sine that are not steady; -1: no sine
-      real(wp) :: slip_points = 0.0_wp   !! numerical error found by the audit [points]
-      real(wp) :: band_ratio = 0.0_wp    !! the same, relative
-      !> largest standard errors of both over the dofs, as only a share of the samples was audited
+      character(:), allocatable :: estimator   !! estimator of the statistics; '' without statistics
+      real(wp), allocatable :: percentiles(:)  !! percentiles [%] that the statistics have
+      integer :: n_audited = 0                 !! samples that the audit repeated
+      integer :: n_unsteady = -1               !! samples not steady under a sine; -1: no sine
+      real(wp) :: slip_points = 0.0_wp         !! numerical error of slip fractions [points]
+      real(wp) :: band_ratio = 0.0_wp          !! relative numerical error of band ratios
+      !> largest standard errors of the two numerical errors; zero if all samples were audited
       real(wp) :: slip_points_error = 0.0_wp, band_ratio_error = 0.0_wp
    end type case_errors
 
 contains
 
-   !> Fails unless the same command wrote what stands at the place of an output: the results of
-   !> another command, a record of the force and the scene itself are not thrown away.
+   !> Refuses to replace a file that the same command did not write: the results of another command,
+   !> a force record, the scene itself.
    subroutine check_replaceable(path, command, takes_damaged, error)
       character(*), intent(in) :: path
-      character(*), intent(in) :: command        !! run, replay, tradeoff
-      logical, intent(in) :: takes_damaged       !! also an HDF5 file that cannot be opened
+      character(*), intent(in) :: command        !! 'run', 'replay' or 'tradeoff'
+      logical, intent(in) :: takes_damaged       !! accepts an HDF5 file that cannot be opened
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
 
@@ -56,18 +57,18 @@ contains
       end if
    end subroutine check_replaceable
 
-   !> Finds how many samples of each case, then of each audit, a results file holds. Reads the
-   !> whole file: one of another scene or program, or a damaged one, is refused by name.
+   !> Finds the numbers of samples of the cases, then of their audits, in a results file. Reads the
+   !> whole file; refuses one of another scene or program, and a damaged one.
    subroutine inspect_results(path, identity, n_samples, error)
       character(*), intent(in) :: path
       type(identity_type), intent(in) :: identity
-      !> (case and audit), twice as many as cases; not allocated: no file
+      !> (cases, then their audits); unallocated if there is no file
       integer, allocatable, intent(out) :: n_samples(:)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
       type(hdf5_object) :: group
       integer, allocatable :: found(:)
-      integer :: i, n, n_own
+      integer :: i, n, n_cases
 
       if (.not. exists(path)) return
       call open_hdf5(path, file, error)
@@ -78,15 +79,15 @@ contains
          if (allocated(error)) error%message = error%message//': put a sound copy in its '// &
                                 'place, or discard it with --fresh and compute its samples again'
       end if
-      n_own = 0
+      n_cases = 0
       do while (.not. allocated(error))
-         if (.not. file%has(case_group(n_own + 1, huge(1)))) exit
-         n_own = n_own + 1
+         if (.not. file%has(case_group(n_cases + 1, huge(1)))) exit
+         n_cases = n_cases + 1
       end do
       allocate (found(0))
-      do i = 1, 2*n_own
+      do i = 1, 2*n_cases
          n = 0
-         group = hdf5_object(file, case_group(i, n_own))
+         group = hdf5_object(file, case_group(i, n_cases))
          if (file%has(group%path)) call group%read('n_samples', n)
          call group%take_error(error)
          if (allocated(error)) exit
@@ -96,22 +97,22 @@ contains
       if (.not. allocated(error)) call move_alloc(found, n_samples)
    end subroutine inspect_results
 
-   !> The samples of a results file, but for those that have shards of their own.
+   !> Ranges of samples of a results file, except those that shards have whole.
    function stored_in_results(n_samples, together, shards) result(stored)
-      integer, intent(in) :: n_samples(:)   !! (case and audit), as inspect_results found them
-      integer, intent(in) :: together       !! samples that are read at once
+      integer, intent(in) :: n_samples(:)   !! (cases, then their audits), see inspect_results
+      integer, intent(in) :: together       !! largest number of samples in a range
       type(shard_type), intent(in) :: shards(:)
       type(shard_type), allocatable :: stored(:)
-      logical, allocatable :: is_there(:, :)   ! (sample, case and audit) in a shard
+      logical, allocatable :: has_shard(:, :)   ! (sample, cases and audits)
       integer :: c, first, last, n
 
-      is_there = finished_samples(shards, n_samples)
+      has_shard = finished_samples(shards, n_samples)
       allocate (stored(sum((n_samples + together - 1)/together)))
       n = 0
       do c = 1, size(n_samples)
          do first = 1, n_samples(c), together
             last = min(first + together - 1, n_samples(c))
-            if (all(is_there(first:last, c))) cycle
+            if (all(has_shard(first:last, c))) cycle
             n = n + 1
             stored(n) = shard_type(c, first, last, case_group(c, size(n_samples)/2), first - 1)
          end do
@@ -119,7 +120,7 @@ contains
       stored = stored(:n)
    end function stored_in_results
 
-   !> Reads the errors that were written.
+   !> Reads the stated errors of all cases.
    subroutine read_errors(path, n_cases, errors, error)
       character(*), intent(in) :: path
       integer, intent(in) :: n_cases
@@ -143,7 +144,7 @@ contains
       call file%abandon()
    end subroutine read_errors
 
-   !> Reads what the statistics say of a case, and by what they were made.
+   !> Reads the statistics of a case and their estimator.
    subroutine read_case(group, errors)
       type(group_type), intent(inout) :: group
       type(case_errors), intent(inout) :: errors
@@ -172,8 +173,7 @@ contains
       if (allocated(is_steady)) errors%n_unsteady = count(.not. is_steady > 0.0_wp)
    end subroutine read_case
 
-   !> Reads the errors that the audit of a case found; standard errors are zero where all samples
-   !> of the case were audited.
+   !> Reads the numerical errors that the audit of a case found.
    subroutine read_audit(group, errors)
       type(group_type), intent(inout) :: group
       type(case_errors), intent(inout) :: errors

@@ -1,4 +1,4 @@
-!> Files and folders. Failures carry the system's own words.
+!> Files and folders: exist, list, make, remove, rename, sync. Errors end with the system's reason.
 module io_files
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_pointer, c_int, c_loc, c_long, &
                                                             c_null_char, c_null_ptr, c_ptr, c_size_t
@@ -15,7 +15,7 @@ module io_files
    public :: follow_links, list_files, make_folder, remove_file, rename_file, sync_file, &
              unfinished_name
 
-   character(*), parameter, public :: unfinished = '.part-'   !! in names of files that are filled
+   character(*), parameter, public :: unfinished = '.part-'   !! mark in names of unfinished files
 
 contains
 
@@ -35,7 +35,7 @@ contains
       is_folder = exists(path//'/.')
    end function is_folder
 
-   !> Bytes; -1 where there is no such file.
+   !> Size of a file [byte]; -1 if there is no such file.
    function file_size(path) result(bytes)
       character(*), intent(in) :: path
       integer(long) :: bytes
@@ -43,7 +43,7 @@ contains
       inquire (file=path, size=bytes)
    end function file_size
 
-   !> The folder that a path lies in, '.' for a bare name.
+   !> Folder of a path; '.' for a bare name.
    pure function folder_of(path) result(folder)
       character(*), intent(in) :: path
       character(:), allocatable :: folder
@@ -60,17 +60,17 @@ contains
       end select
    end function folder_of
 
-   !> Replaces a path that is a symbolic link by what it leads to, there or not.
+   !> Replaces a path that is a symbolic link by its target, which need not exist.
    subroutine follow_links(path, error)
       character(:), allocatable, intent(inout) :: path
       type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: most = 40, longest = 4096   !! of Linux
+      integer, parameter :: max_links = 40, longest = 4096   !! limits of Linux
       integer(c_int), parameter :: eloop = 40
       character(kind=c_char), target :: buffer(longest + 1)
       character(:), allocatable :: target
       integer :: i
 
-      do i = 1, most
+      do i = 1, max_links
          buffer = c_null_char
          if (c_readlink(path//c_null_char, buffer, int(longest, c_size_t)) < 0) return
          target = text_at(c_loc(buffer))
@@ -81,15 +81,15 @@ contains
       call raise_system(eloop, path//': leads nowhere', error)
    end subroutine follow_links
 
-   !> Name of a file while this process fills it; no other process takes the same.
+   !> Temporary name of a file that this process writes; no other process uses the same.
    function unfinished_name(path) result(name)
-      character(*), intent(in) :: path   !! what the file is called when it is whole
+      character(*), intent(in) :: path   !! final name of the file
       character(:), allocatable :: name
 
       name = path//unfinished//host_name()//'-'//to_text(process_id())
    end function unfinished_name
 
-   !> Makes a folder and those above it that are missing; one that stands already is fine.
+   !> Makes a folder, and those above it, if they are missing.
    recursive subroutine make_folder(path, error, n_made)
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error
@@ -110,7 +110,7 @@ contains
       if (.not. is_folder(path)) call raise_system(number, path//': cannot make this folder', error)
    end subroutine make_folder
 
-   !> Removes a file or an empty folder; one that is not there is fine.
+   !> Removes a file or an empty folder, if there is one.
    subroutine remove_file(path, error)
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error
@@ -122,39 +122,36 @@ contains
       if (number /= enoent) call raise_system(number, path//': cannot be removed', error)
    end subroutine remove_file
 
-   !> Replaces whatever `to` was, in one step.
+   !> Renames a file; a file `to` is replaced in one step.
    subroutine rename_file(from, to, error)
       character(*), intent(in) :: from, to
       type(error_type), allocatable, intent(out) :: error
 
-      if (c_rename(from//c_null_char, to//c_null_char) /= 0) then
+      if (c_rename(from//c_null_char, to//c_null_char) /= 0) &
          call raise_system(system_error(), to//': cannot be made from '//from, error)
-      end if
    end subroutine rename_file
 
-   !> Returns when the contents of a file, or the names in a folder, are on the disk.
+   !> Waits until the contents of a file, or the names in a folder, are on the disk.
    subroutine sync_file(path, error)
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error
       type(c_ptr) :: stream
-      integer(c_int) :: status, closed
+      integer(c_int) :: closed
 
       stream = c_fopen(path//c_null_char, 'r'//c_null_char)
       if (.not. c_associated(stream)) then
          call raise_system(system_error(), path//': cannot be opened to be synced', error)
          return
       end if
-      status = c_fsync(c_fileno(stream))
-      if (status /= 0) then
+      if (c_fsync(c_fileno(stream)) /= 0) &
          call raise_system(system_error(), path//': cannot be brought to the disk', error)
-      end if
       closed = c_fclose(stream)
    end subroutine sync_file
 
-   !> Lists the paths that begin with a text and have another one in the rest, sorted, without
-   !> hidden files; none where the folder is not there.
-   subroutine list_files(begin, part, paths, error)
-      character(*), intent(in) :: begin, part   !! 'folder/' and '' for all that is in a folder
+   !> Lists the paths that begin with `prefix` and have `part` in the rest, sorted, without hidden
+   !> files; none if there is no such folder.
+   subroutine list_files(prefix, part, paths, error)
+      character(*), intent(in) :: prefix, part   !! 'folder/' and '' for all files of a folder
       character(:), allocatable, intent(out) :: paths(:)   !! padded with blanks
       type(error_type), allocatable, intent(out) :: error
       integer(c_int), parameter :: fail_when_unreadable = 1, no_match = 3, enoent = 2
@@ -165,13 +162,13 @@ contains
       integer :: i
 
       found = 0
-      status = c_glob(escaped(begin)//'*'//part//'*'//c_null_char, fail_when_unreadable, &
+      status = c_glob(escaped(prefix)//'*'//part//'*'//c_null_char, fail_when_unreadable, &
                       c_null_ptr, found)
       if (status /= 0) then
          number = system_error()
          allocate (character(0) :: paths(0))
          if (status /= no_match .and. number /= enoent) &
-            call raise_system(number, folder_of(begin)//': cannot list this folder', error)
+            call raise_system(number, folder_of(prefix)//': cannot list this folder', error)
          return
       end if
       list = transfer(found(2), list)
@@ -184,7 +181,7 @@ contains
       call c_globfree(found)
    end subroutine list_files
 
-   !> The path with glob's wildcards made ordinary characters.
+   !> Pattern of glob that matches the path alone: its wildcards are escaped.
    pure function escaped(path) result(pattern)
       character(*), intent(in) :: path
       character(:), allocatable :: pattern
@@ -214,8 +211,8 @@ contains
       name = text_at(c_loc(buffer))
    end function host_name
 
-   !> True if a person sees standard output as it comes. mpirun gives every rank a terminal of its
-   !> own and passes on what is written there: then it is mpirun's output that counts.
+   !> True if standard output goes to a terminal. mpirun gives every rank a terminal of its own and
+   !> copies it to mpirun's standard output: then that one counts.
    function shows_on_terminal()
       logical :: shows_on_terminal
       type(c_ptr) :: stream

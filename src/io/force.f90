@@ -1,4 +1,4 @@
-!> Force histories of the user's own in HDF5.
+!> Force records that the user supplies in an HDF5 file.
 module io_force
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long, wp
@@ -9,16 +9,16 @@ module io_force
    private
    public :: read_force_hdf5
 
-   character(*), parameter :: name = 'force'
+   character(*), parameter :: name = 'force'   !! name of the dataset
 
 contains
 
    !> Reads the dataset /force(step), or /force(sample, step) in Python's order of axes. Its
-   !> attribute dt, where it exists, must be the scene's. The caller checks that values are finite
-   !> and enough.
+   !> attribute dt, if it has one, must equal the scene's. The caller checks the values and their
+   !> number.
    subroutine read_force_hdf5(path, dt, force, error)
       character(*), intent(in) :: path
-      real(wp), intent(in) :: dt                          !! of the scene [s]
+      real(wp), intent(in) :: dt                          !! step of the scene [s]
       real(wp), allocatable, intent(out) :: force(:, :)   !! (0:n_steps, 1 or sample) [N]
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
@@ -32,12 +32,12 @@ contains
       if (allocated(error)) error%exit_code = exit_bad_input
    end subroutine read_force_hdf5
 
-   !> Refuses a file without the dataset, or with another interval than the scene's.
+   !> Refuses a file without the dataset, and one with another step than the scene's.
    subroutine check_interval(root, dt, error)
       type(hdf5_group), intent(in) :: root
       real(wp), intent(in) :: dt
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: rounding = 1.0e-12_wp   ! relative: of a dt that was calculated
+      real(wp), parameter :: rounding = 1.0e-12_wp   ! relative rounding error of a computed dt
       type(hdf5_object) :: dataset
       real(wp) :: found
 
@@ -56,34 +56,35 @@ contains
                     ' = '//to_text(found)//': must be integration%dt = '//to_text(dt))
    end subroutine check_interval
 
+   !> Reads the dataset; refuses one with another number of axes, and one too large to be true.
    subroutine read_records(root, force, error)
       type(hdf5_group), intent(inout) :: root
       real(wp), allocatable, intent(out) :: force(:, :)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: densest = 1000.0_wp   ! values in a byte, whatever the compression
-      character(:), allocatable :: what
+      real(wp), parameter :: densest = 1000.0_wp   ! values per byte, more than any compression has
+      character(:), allocatable :: dataset
       integer(long), allocatable :: n(:)
-      real(wp) :: room
+      real(wp) :: most   ! values
       integer :: n_axes, status
 
-      what = root%file%path//': '//root%at(name)
+      dataset = root%file%path//': '//root%at(name)
       call root%read_shape(name, n)
       if (allocated(root%error) .or. all(size(n) /= [1, 2])) then
-         call raise(error, exit_bad_input, what// &
+         call raise(error, exit_bad_input, dataset// &
                     ': must be a dataset of one axis (step) or two (sample, step)')
          return
       end if
       n_axes = size(n)
       n = [n, 1_long]
-      room = densest*real(file_size(root%file%path), wp)
-      if (any(n < 1) .or. any(n > huge(0)) .or. product(real(n, wp)) > room) then
-         call raise(error, exit_bad_input, what//' has '//to_text(n(2))//' records of '// &
+      most = densest*real(file_size(root%file%path), wp)
+      if (any(n < 1) .or. any(n > huge(0)) .or. product(real(n, wp)) > most) then
+         call raise(error, exit_bad_input, dataset//' has '//to_text(n(2))//' records of '// &
                     to_text(n(1))//' values: none, or more than the file can hold')
          return
       end if
       allocate (force(0:n(1) - 1, n(2)), stat=status)
       if (status /= 0) then
-         call raise(error, exit_bad_input, what//' does not fit into memory: '// &
+         call raise(error, exit_bad_input, dataset//' does not fit into memory: '// &
                     to_text(product(n))//' values')
          return
       end if

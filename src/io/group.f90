@@ -1,4 +1,5 @@
-!> A group of a file that is filled or read. After a first error everything else passes by.
+!> Group of an HDF5 file: writes datasets with units, meaning and axes, and reads datasets. It keeps
+!> the first error; further calls then do nothing.
 module io_group
    use core_kinds, only: wp
    use io_hdf5, only: hdf5_file, hdf5_group
@@ -6,10 +7,10 @@ module io_group
    private
    public :: group_type, new_group
 
-   !> A group that is filled with labelled datasets, or read.
+   !> A group that is written or read.
    type, extends(hdf5_group) :: group_type
-      character(24), private :: axis = ''   !! of the columns of a table
-      character(8) :: kept_axis = 'dof'     !! stands for 'kept': dofs whose spectra are kept
+      character(24), private :: axis = ''   !! axis of datasets that are written without axes
+      character(8) :: kept_axis = 'dof'     !! axis of the dofs whose spectra are kept
    contains
       generic :: get => get_row, get_matrix
       generic :: put => put_reals, put_integers
@@ -24,7 +25,7 @@ module io_group
 
 contains
 
-   !> The group at a path, made where it is not there.
+   !> The group at a path, created if it is missing.
    function new_group(file, path) result(group)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
@@ -34,10 +35,10 @@ contains
       call group%go_to(path)
    end function new_group
 
-   !> The axes as they are called in this group.
+   !> Names of axes, with the name of `kept_axis` in place of 'kept'.
    pure function axes_named(self, axes) result(names)
       class(group_type), intent(in) :: self
-      character(*), intent(in) :: axes   !! the last one may be 'kept'
+      character(*), intent(in) :: axes   !! only the last one may be 'kept'
       character(:), allocatable :: names
       integer :: last
 
@@ -46,7 +47,7 @@ contains
       if (axes(last + 1:) == 'kept') names = axes(:last)//trim(self%kept_axis)
    end function axes_named
 
-   !> Goes on with another group of the file, made where it is not there.
+   !> Changes to another group of the file, created if it is missing.
    subroutine go_to(self, path)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: path
@@ -55,14 +56,15 @@ contains
       if (.not. allocated(self%error)) call self%file%make_group(path, self%error)
    end subroutine go_to
 
-   !> Writes a whole dataset of any rank, where `values` is there.
+   !> Writes a whole dataset of any rank, or nothing if `values` is absent or unallocated.
    subroutine put_reals(self, name, values, units, long_name, axes, kind, extents)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name, units, long_name
       real(wp), intent(in), contiguous, optional :: values(..)
-      character(*), intent(in), optional :: axes   !! in Python's order, '' of a scalar; of a column
-      character(*), intent(in), optional :: kind   !! as `make` has it
-      integer, intent(in), optional :: extents(:)  !! of the dataset, if not the shape of `values`
+      !> axes in Python's order, '' for a scalar; absent: the axis of `start_table`
+      character(*), intent(in), optional :: axes
+      character(*), intent(in), optional :: kind   !! kind of whole numbers: see `make`
+      integer, intent(in), optional :: extents(:)  !! of the dataset; absent: the shape of `values`
       character(:), allocatable :: names
 
       if (.not. present(values)) return
@@ -71,6 +73,7 @@ contains
       call self%write_dataset(name, values, units, long_name, names, kind, extents)
    end subroutine put_reals
 
+   !> Writes a whole dataset of one axis of integers.
    subroutine put_integers(self, name, values, units, long_name, axes)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name, units, long_name
@@ -80,7 +83,7 @@ contains
       call self%put_reals(name, real(values, wp), units, long_name, axes, 'integer')
    end subroutine put_integers
 
-   !> Writes a scalar, and beside it its standard error where it has one.
+   !> Writes a scalar, and its standard error as another one if it is present.
    subroutine put_value(self, name, value, units, long_name, standard_error)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name, units, long_name
@@ -91,20 +94,20 @@ contains
       call self%put(name//'_error', standard_error, units, 'standard error: '//long_name, '')
    end subroutine put_value
 
-   !> Writes an axis without values of its own: 1, 2, ... or from another first number on.
+   !> Writes an axis of n whole numbers that begin at 1, or at `first`.
    subroutine put_axis(self, name, n, long_name, first)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name, long_name
       integer, intent(in) :: n
       integer, intent(in), optional :: first
-      integer :: before, i
+      integer :: i, start
 
-      before = 0
-      if (present(first)) before = first - 1
-      call self%put(name, [(before + i, i=1, n)], '1', long_name, name)
+      start = 1
+      if (present(first)) start = first
+      call self%put(name, [(i, i=start, start + n - 1)], '1', long_name, name)
    end subroutine put_axis
 
-   !> Writes the axis of the columns that follow, put without axes; rows are counted from 1.
+   !> Writes the axis of a table: of the datasets that are then written without axes.
    subroutine start_table(self, axis, n_rows, long_name)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: axis, long_name
@@ -123,13 +126,13 @@ contains
       call self%read_part(name, [integer ::], value)
    end subroutine get_number
 
-   !> Reads a dataset of reals; an array that is not there is not allocated.
+   !> Reads a whole dataset; `values` stays unallocated if there is none.
    subroutine get_row(self, name, values)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: name
       real(wp), allocatable, intent(inout) :: values(:)   !! not allocated yet
 
-      allocate (values(0))   ! as allocate_for wants it
+      allocate (values(0))   ! sets the bounds that gfortran 11 reads in allocate_for
       deallocate (values)
       call get_reals(self, name, values)
    end subroutine get_row

@@ -1,6 +1,5 @@
-!> The one door to HDF5: files, groups with their datasets, and attributes; every status is checked,
-!> and HDF5 itself says nothing. The rooms behind it are io_hdf5_file, io_hdf5_datasets and
-!> io_hdf5_attributes.
+!> HDF5 for all other modules: files, groups with their datasets, and attributes. Every failure
+!> becomes an error with HDF5's reason; HDF5 itself prints nothing.
 module io_hdf5
    use io_hdf5_attributes, only: hdf5_object
    use io_hdf5_datasets, only: hdf5_group

@@ -1,4 +1,5 @@
-!> By what a file of results is known to belong to a campaign.
+!> Identity of a campaign: attributes of a file's root that say which scene, program and machine its
+!> samples come from.
 module io_identity
    use core_error, only: error_type, exit_file, raise
    use core_text, only: to_text
@@ -7,21 +8,21 @@ module io_identity
    private
    public :: identity_type, refuse_foreign, require_command, require_same, write_identity
 
-   integer, parameter :: format_version = 3   !! of shards and of results files
-   character(*), parameter :: unused = 'unused'   !! for a value that has no line in the settings
+   integer, parameter :: format_version = 3       !! format of shards and results files
+   character(*), parameter :: unused = 'unused'   !! value of a name that settings do not have
 
-   !> Identity of a campaign: equal in two files that hold samples of one.
+   !> Identity of a campaign: two files with the same one hold samples of the same campaign.
    type :: identity_type
-      character(:), allocatable :: fingerprint    !! of the settings
-      character(:), allocatable :: version        !! of the program
-      character(:), allocatable :: architecture   !! what decides the last bits of numbers
-      character(:), allocatable :: command        !! that wrote it: run, replay, tradeoff
-      character(:), allocatable :: settings       !! what changes a sample: `name = value` a line
+      character(:), allocatable :: fingerprint    !! fingerprint of the settings
+      character(:), allocatable :: version        !! version of the program
+      character(:), allocatable :: architecture   !! processor and compiler: they decide last bits
+      character(:), allocatable :: command        !! command that wrote it: run, replay or tradeoff
+      character(:), allocatable :: settings       !! lines `name = value` that fix the samples
    end type identity_type
 
 contains
 
-   !> Writes it into the root of a file.
+   !> Writes an identity as attributes of the root of a file.
    subroutine write_identity(file, identity, error)
       type(hdf5_file), intent(in) :: file
       type(identity_type), intent(in) :: identity
@@ -29,7 +30,7 @@ contains
       type(hdf5_object) :: root
 
       root = hdf5_object(file, '/')
-      root%seals_texts = .true.
+      root%has_fixed_texts = .true.
       call root%attribute('format_version', format_version)
       call root%attribute('program', 'entroslip')
       call root%attribute('settings', identity%settings)
@@ -40,8 +41,8 @@ contains
       call root%take_error(error)
    end subroutine write_identity
 
-   !> Refuses, by name and with the difference, a file of another campaign or of another program.
-   !> `advice` is for a file that is damaged.
+   !> Refuses a file of another scene, program version or machine, with the difference. `advice` is
+   !> appended to the error of a damaged file.
    subroutine require_same(file, identity, error, advice)
       type(hdf5_file), intent(in) :: file
       type(identity_type), intent(in) :: identity
@@ -88,8 +89,8 @@ contains
 
    end subroutine require_same
 
-   !> The values that differ between the settings of a file and those of the scene; the first few,
-   !> and how many more. Those that the file does not use come last.
+   !> First differences between the settings of a file and those of the scene, and the number of the
+   !> others. Names that the file does not have come last.
    function difference(theirs, ours) result(text)
       character(*), intent(in) :: theirs, ours   !! as in identity_type
       character(:), allocatable :: text
@@ -109,8 +110,8 @@ contains
                 (len(rest) > len(ours) + 1 .or. their_value == unused)) then
                n = n + 1
                if (n > 1 .and. n <= most_named) text = text//'; '
-               if (n <= most_named) text = text//name//' = '//brief(their_value)//', here '// &
-                                           brief(our_value)
+               if (n <= most_named) text = text//name//' = '//shortened(their_value)//', here '// &
+                                           shortened(our_value)
             end if
          end associate
          rest = rest(index(rest, line_feed) + 1:)
@@ -118,7 +119,7 @@ contains
       if (n > most_named) text = text//' and '//to_text(n - most_named)//' more'
    end function difference
 
-   !> The value of a name in settings.
+   !> Value of a name in settings; 'unused' if they do not have it.
    pure function value_of(name, settings) result(value)
       character(*), intent(in) :: name, settings
       character(:), allocatable :: value
@@ -131,17 +132,17 @@ contains
       value = value(:index(value//new_line('a'), new_line('a')) - 1)
    end function value_of
 
-   !> The beginning of a long value.
-   pure function brief(value)
+   !> A value, cut after 40 characters.
+   pure function shortened(value)
       character(*), intent(in) :: value
-      character(:), allocatable :: brief
+      character(:), allocatable :: shortened
       integer, parameter :: longest = 40
 
-      brief = value
-      if (len(value) > longest) brief = value(:longest)//'...'
-   end function brief
+      shortened = value
+      if (len(value) > longest) shortened = value(:longest)//'...'
+   end function shortened
 
-   !> Refuses a file that this command of this program did not write: it is not its to replace.
+   !> Refuses a file that another command or another program wrote.
    subroutine require_command(file, command, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: command
@@ -163,7 +164,7 @@ contains
       end if
    end subroutine require_command
 
-   !> Refuses to replace a file that this program did not write.
+   !> Raises the error of a file that this program did not write.
    subroutine refuse_foreign(path, error)
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error

@@ -1,13 +1,14 @@
-!> Who may write an output: one run alone, or several that share its work. Advisory locks, which the
-!> system gives back when a run dies; they hold between machines where the file system's locks do.
+!> Lock on an output: one run alone may write it, or several that share its work.
 !>
-!> A run alone locks the whole lock file. Runs that share each hold one byte of it to show that they
-!> are there, and one more for each piece of work on its way.
+!> Locks are advisory (lockf) on a file `<output>.lock`. The system releases them when a run dies;
+!> they hold between machines if the file system's locks do. A run alone locks the whole file. Runs
+!> that share the work each lock one byte of it to show their presence, and one more for each block
+!> that they march.
 !>
-!> A lock can be lost: its file is removed, or the file system grants it twice. So a run that works
-!> alone looks at the file again before it changes what others may need: the lock is its own while
-!> the file is the one that it locked, the name in it is its own (the last run to come writes it),
-!> and the output is as the run found or left it. A run that has lost its lock changes nothing more.
+!> A lock can be lost: its file is removed, or the file system grants it twice. So a run alone
+!> checks its lock before it changes a file that others may need: the path must lead to the file
+!> that it locked, the name in the file must be its own (the last run writes its name), and the
+!> output must be as the run found or left it. A run that has lost its lock changes no more files.
 module io_lock
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_int, c_long, c_null_char, &
                                                                          c_null_ptr, c_ptr, c_size_t
@@ -23,24 +24,25 @@ module io_lock
    private
    public :: lock_type, take_lock
 
-   integer(c_int), parameter :: unlock = 0, try_to_lock = 2   !! of lockf(3)
-   integer(c_long), parameter :: whole = 0, one_byte = 1
-   !> Bytes by which runs that share show that they are there; those of their work lie above.
-   integer(c_long), parameter :: n_places = 2_c_long**20
-   !> Words of struct stat [8 bytes]: device, inode, size, time of the last change.
-   integer, parameter :: place_words(*) = [1, 2], content_words(*) = [1, 2, 7, 12, 13]
+   integer(c_int), parameter :: unlock = 0, try_to_lock = 2     !! commands of lockf(3)
+   integer(c_long), parameter :: whole_file = 0, one_byte = 1   !! lengths of lockf(3)
+   !> Number of bytes that show the presence of runs; the bytes of blocks follow them.
+   integer(c_long), parameter :: n_presence_bytes = 2_c_long**20
+   !> Words (8 bytes) of struct stat: device and inode; also size and time of the last change.
+   integer, parameter :: inode_words(*) = [1, 2], stamp_words(*) = [1, 2, 7, 12, 13]
+   integer, parameter :: n_stat_words = 64   !! words of a buffer for struct stat, which has 18
 
-   !> Held from `take_lock` to `release`, or to the end of the process.
+   !> Lock of a run, held from `take_lock` to `release` or to the end of the process.
    type :: lock_type
       private
-      character(:), allocatable, public :: output   !! path of what is locked
-      integer, public :: n_folders = 0              !! that were missing on its way, and made
-      character(:), allocatable :: path             !! of the lock file
-      character(:), allocatable :: name             !! of this run, in the file; '' on a full disk
-      type(c_ptr) :: stream = c_null_ptr
+      character(:), allocatable, public :: output   !! path of the locked output
+      integer, public :: n_folders = 0              !! folders that were made for it
+      character(:), allocatable :: path             !! path of the lock file
+      character(:), allocatable :: name             !! this run's name in it; '' on a full disk
+      type(c_ptr) :: stream = c_null_ptr            !! open lock file
       logical :: is_shared = .false.
-      !> of the output as it was found or left; zeros: none
-      integer(c_long) :: content(size(content_words)) = 0
+      !> device, inode, size and time of the output as it was found or left; zeros: no file
+      integer(c_long) :: stamp(size(stamp_words)) = 0
    contains
       procedure :: is_held
       procedure :: keep
@@ -52,9 +54,8 @@ module io_lock
 
 contains
 
-   !> Locks an output by a file `<output>.lock` that names its holder, or takes a place among the
-   !> runs that share it; refused by name while another process holds it alone, and for a run alone
-   !> while others share it. Makes the folder of the output where it is missing.
+   !> Locks an output for this run alone, or for the runs that share it. The error names the run
+   !> that holds a lock against this. Makes the folder of the output if it is missing.
    subroutine take_lock(output, lock, error, is_shared)
       character(*), intent(in) :: output
       type(lock_type), intent(out) :: lock
@@ -66,13 +67,12 @@ contains
       if (present(is_shared)) lock%is_shared = is_shared
       call make_folder(folder_of(output), error, lock%n_folders)
       if (.not. allocated(error)) call try_longest_name(output, error)
-      if (.not. allocated(error)) call obtain(lock, error)
+      if (.not. allocated(error)) call acquire(lock, error)
       if (allocated(error)) call remove_folders(lock)
-      if (.not. allocated(error)) lock%content = content_of(output)
+      if (.not. allocated(error)) lock%stamp = stamp_of(output)
    end subroutine take_lock
 
-   !> Refuses an output beside which the file system does not take the longest name: that of the
-   !> file while it is filled, which else would fail behind the work.
+   !> Refuses an output whose temporary name is too long for the file system, before any work.
    subroutine try_longest_name(output, error)
       character(*), intent(in) :: output
       type(error_type), allocatable, intent(out) :: error
@@ -92,43 +92,45 @@ contains
       end if
    end subroutine try_longest_name
 
-   recursive subroutine obtain(lock, error)
+   !> Opens and locks the lock file and writes this run's name into it.
+   recursive subroutine acquire(lock, error)
       type(lock_type), intent(inout) :: lock
       type(error_type), allocatable, intent(out) :: error
-      logical :: is_taken
+      logical :: is_locked
 
       call open_lock(lock, error)
       if (allocated(error)) return
       if (lock%is_shared) then
-         is_taken = takes_a_place(lock)
+         is_locked = locks_presence_byte(lock)
       else
-         is_taken = is_done(lock, try_to_lock, 0_c_long, whole)
+         is_locked = lockf_succeeds(lock, try_to_lock, 0_c_long, whole_file)
       end if
-      if (.not. is_taken) then
+      if (.not. is_locked) then
          call refuse(lock, system_error(), error)
       else if (.not. is_same_file(lock)) then
-         ! its holder removed the file between our opening and our locking it
+         ! the holder removed the file after it was opened here and before it was locked
          call close_lock(lock)
-         call obtain(lock, error)
+         call acquire(lock, error)
       else
          call write_name(lock)
       end if
-   end subroutine obtain
+   end subroutine acquire
 
-   !> True if one of 64 places that follow from the process number could be locked.
-   function takes_a_place(lock) result(is_taken)
+   !> True if one of 64 bytes, chosen by the process number, could be locked.
+   function locks_presence_byte(lock) result(is_locked)
       type(lock_type), intent(in) :: lock
-      logical :: is_taken
-      integer, parameter :: n_tries = 64
-      integer :: i
+      logical :: is_locked
+      integer(c_long), parameter :: n_tries = 64
+      integer(c_long) :: i
 
       do i = 1, n_tries
-         is_taken = is_done(lock, try_to_lock, &
-                            modulo(int(process_id(), c_long)*n_tries + i, n_places), one_byte)
-         if (is_taken) return
+         is_locked = lockf_succeeds(lock, try_to_lock, &
+                                    modulo(process_id()*n_tries + i, n_presence_bytes), one_byte)
+         if (is_locked) return
       end do
-   end function takes_a_place
+   end function locks_presence_byte
 
+   !> True between `take_lock` and `release`.
    pure function is_held(self)
       class(lock_type), intent(in) :: self
       logical :: is_held
@@ -136,19 +138,19 @@ contains
       is_held = c_associated(self%stream)
    end function is_held
 
-   !> Makes sure that the lock still is this run's, and the output as it was found or left: an error
-   !> names who has it now. A lock file that was removed is made again, unless another run was
-   !> faster. Of a lock that is not held nothing is said.
+   !> Checks that the lock still is this run's and that the output is as it was found or left. The
+   !> error names the run that has the lock now. A lock file that was removed is made again, unless
+   !> another run has done so. A lock that is not held raises no error.
    subroutine keep(self, error)
       class(lock_type), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
       type(lock_type) :: again
-      integer(c_long) :: now(size(content_words))
+      integer(c_long) :: now(size(stamp_words))
 
       if (.not. self%is_held()) return
       if (.not. exists(self%path)) then
          again = self
-         call obtain(again, error)
+         call acquire(again, error)
          if (allocated(error)) return
          call close_lock(self)
          self%stream = again%stream
@@ -159,12 +161,12 @@ contains
                     'finished is safe; start again when the other has ended')
          return
       end if
-      now = content_of(self%output)
-      if (any(now /= 0) .and. any(now /= self%content)) call refuse_change(self, error)
+      now = stamp_of(self%output)
+      if (any(now /= 0) .and. any(now /= self%stamp)) call refuse_change(self, error)
    end subroutine keep
 
-   !> Gives a finished file the name of the output, in place of what was there when the lock was
-   !> taken, and of nothing else.
+   !> Renames a finished file to the output. Replaces the file that was there when the lock was
+   !> taken, and no other.
    subroutine publish(self, temporary, error)
       class(lock_type), intent(inout) :: self
       character(*), intent(in) :: temporary
@@ -178,7 +180,7 @@ contains
          call rename_file(temporary, self%output, error)
       else if (c_link(temporary//c_null_char, self%output//c_null_char) == 0) then
          call remove_file(temporary, error)
-      else   ! another run has just finished, which a renaming would not see, or there are no links
+      else   ! another run has just written the output, or the file system has no links
          number = system_error()
          if (number == eexist) then
             call refuse_change(self, error)
@@ -186,9 +188,10 @@ contains
             call rename_file(temporary, self%output, error)
          end if
       end if
-      if (.not. allocated(error)) self%content = content_of(self%output)
+      if (.not. allocated(error)) self%stamp = stamp_of(self%output)
    end subroutine publish
 
+   !> Raises the error of an output that another run has written.
    subroutine refuse_change(self, error)
       class(lock_type), intent(in) :: self
       type(error_type), allocatable, intent(out) :: error
@@ -197,41 +200,39 @@ contains
                  'was at work, and stays as it is: start again to see what it lacks')
    end subroutine refuse_change
 
-   !> True if a piece of work is now this process's: no other that shares the lock has it.
+   !> True if no other process that shares the lock has claimed a block: it is now this process's.
    function claim(self, number) result(is_ours)
       class(lock_type), intent(in) :: self
-      integer(long), intent(in) :: number   !! of the piece, from 0
+      integer(long), intent(in) :: number   !! number of the block, from 0
       logical :: is_ours
 
-      is_ours = is_done(self, try_to_lock, n_places + int(number, c_long), one_byte)
+      is_ours = lockf_succeeds(self, try_to_lock, n_presence_bytes + int(number, c_long), one_byte)
    end function claim
 
-   !> Releases claimed work that is done or left to other runs.
+   !> Releases a claimed block that is finished or left to other runs.
    subroutine give_back(self, number)
       class(lock_type), intent(in) :: self
       integer(long), intent(in) :: number
       logical :: ignored
 
-      ignored = is_done(self, unlock, n_places + int(number, c_long), one_byte)
+      ignored = lockf_succeeds(self, unlock, n_presence_bytes + int(number, c_long), one_byte)
    end subroutine give_back
 
-   !> Gives the lock back. Who held it alone removes the file first, while it is still locked, and
-   !> the folders that it made for an output that there is not.
+   !> Releases the lock. A run alone first removes the file, while it is still locked, and the
+   !> folders that it made if they are empty.
    subroutine release(self, error)
       class(lock_type), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
-      logical :: is_its_own
 
       if (.not. self%is_held()) return
-      is_its_own = is_ours(self)
-      if (is_its_own .and. .not. self%is_shared) then
+      if (is_ours(self) .and. .not. self%is_shared) then
          call remove_file(self%path, error)
          call remove_folders(self)
       end if
       call close_lock(self)
    end subroutine release
 
-   !> Removes the folders that were made for the output, unless something is in them.
+   !> Removes the folders that were made for the output, as long as they are empty.
    subroutine remove_folders(lock)
       type(lock_type), intent(inout) :: lock
       type(error_type), allocatable :: error
@@ -252,12 +253,10 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       lock%stream = c_fopen(lock%path//c_null_char, 'r+'//c_null_char)
-      if (.not. c_associated(lock%stream)) then
+      if (.not. c_associated(lock%stream)) &
          lock%stream = c_fopen(lock%path//c_null_char, 'a+'//c_null_char)
-      end if
-      if (.not. c_associated(lock%stream)) then
+      if (.not. c_associated(lock%stream)) &
          call raise_system(system_error(), lock%path//': cannot make this lock file', error)
-      end if
    end subroutine open_lock
 
    subroutine close_lock(lock)
@@ -268,28 +267,28 @@ contains
       lock%stream = c_null_ptr
    end subroutine close_lock
 
-   !> Writes the holder's name into the lock file. A full disk costs only the name.
+   !> Writes this run's name into the lock file. On a full disk the name stays empty.
    subroutine write_name(lock)
       type(lock_type), intent(inout) :: lock
       integer(c_int) :: number
 
       lock%name = ''
-      if (.not. stands_at(lock, 0_c_long)) return
+      if (.not. seek_succeeds(lock, 0_c_long)) return
       call write_all(c_fileno(lock%stream), own_name()//new_line('a'), number)
       if (number == 0) lock%name = own_name()
    end subroutine write_name
 
-   !> process 123 on host
+   !> Name of this run, such as 'process 123 on host'.
    function own_name() result(name)
       character(:), allocatable :: name
 
       name = 'process '//to_text(process_id())//' on '//host_name()
    end function own_name
 
-   !> Refuses with the holder's name, or with the system's words where it cannot lock at all.
+   !> Raises an error with the holder's name, or with the system's reason if it has no locks at all.
    subroutine refuse(lock, number, error)
       type(lock_type), intent(inout) :: lock
-      integer(c_int), intent(in) :: number   !! of system_error
+      integer(c_int), intent(in) :: number   !! number of the system's error
       type(error_type), allocatable, intent(out) :: error
       integer(c_int), parameter :: eagain = 11, eacces = 13   !! Linux: another process has the lock
 
@@ -303,28 +302,28 @@ contains
    end subroutine refuse
 
    !> True if bytes of the file could be locked or unlocked.
-   function is_done(lock, command, first, length)
+   function lockf_succeeds(lock, command, first, length)
       type(lock_type), intent(in) :: lock
       integer(c_int), intent(in) :: command
       integer(c_long), intent(in) :: first, length   !! bytes
-      logical :: is_done
+      logical :: lockf_succeeds
 
-      is_done = stands_at(lock, first)
-      if (is_done) is_done = c_lockf(c_fileno(lock%stream), command, length) == 0
-   end function is_done
+      lockf_succeeds = seek_succeeds(lock, first)
+      if (lockf_succeeds) lockf_succeeds = c_lockf(c_fileno(lock%stream), command, length) == 0
+   end function lockf_succeeds
 
-   !> True if the place from which lockf counts could be set.
-   function stands_at(lock, place)
+   !> True if the byte at which lockf and write begin could be set.
+   function seek_succeeds(lock, byte)
       type(lock_type), intent(in) :: lock
-      integer(c_long), intent(in) :: place   !! byte, from 0
-      logical :: stands_at
+      integer(c_long), intent(in) :: byte   !! counted from 0
+      logical :: seek_succeeds
       integer(c_int), parameter :: from_the_start = 0
 
-      stands_at = c_lseek(c_fileno(lock%stream), place, from_the_start) == place
-   end function stands_at
+      seek_succeeds = c_lseek(c_fileno(lock%stream), byte, from_the_start) == byte
+   end function seek_succeeds
 
-   !> True if the path leads to the file that was locked, with this run's name in it. A run that
-   !> shares accepts the names of others.
+   !> True if the path leads to the file that was locked, with this run's name in it, or with any
+   !> name if runs share it.
    function is_ours(lock)
       type(lock_type), intent(in) :: lock
       logical :: is_ours
@@ -334,7 +333,7 @@ contains
 
       is_ours = is_same_file(lock)
       if (lock%is_shared .or. lock%name == '' .or. .not. is_ours) return
-      ! by the stream that has the lock: to close another one would give the lock back
+      ! by the stream that has the lock, because closing another one would release it
       n = c_pread(c_fileno(lock%stream), found, size(found, kind=c_size_t), 0_c_long)
       is_ours = n == size(found)
       if (is_ours) is_ours = all(found == [(lock%name(i:i), i=1, len(lock%name)), new_line('a')])
@@ -344,25 +343,25 @@ contains
    function is_same_file(lock)
       type(lock_type), intent(in) :: lock
       logical :: is_same_file
-      integer(c_long) :: opened(64), named(64)   ! struct stat has 18 words
+      integer(c_long) :: opened(n_stat_words), named(n_stat_words)
 
       is_same_file = .false.
       if (c_fstat(c_fileno(lock%stream), opened) /= 0) return
       if (c_stat(lock%path//c_null_char, named) /= 0) return
-      is_same_file = all(opened(place_words) == named(place_words))
+      is_same_file = all(opened(inode_words) == named(inode_words))
    end function is_same_file
 
-   !> Numbers by which a file is known to be the same and unchanged; zeros where there is none.
-   function content_of(path) result(content)
+   !> Device, inode, size and time of a file, which show that it is unchanged; zeros: no file.
+   function stamp_of(path) result(stamp)
       character(*), intent(in) :: path
-      integer(c_long) :: content(size(content_words))
-      integer(c_long) :: facts(64)   ! struct stat has 18 words
+      integer(c_long) :: stamp(size(stamp_words))
+      integer(c_long) :: words(n_stat_words)
 
-      content = 0
-      if (c_stat(path//c_null_char, facts) == 0) content = facts(content_words)
-   end function content_of
+      stamp = 0
+      if (c_stat(path//c_null_char, words) == 0) stamp = words(stamp_words)
+   end function stamp_of
 
-   !> Text that the holder wrote into the file.
+   !> Name of the run that holds a lock, as its lock file has it.
    function holder_of(path) result(holder)
       character(*), intent(in) :: path
       character(:), allocatable :: holder

@@ -1,11 +1,11 @@
-!> The door to POSIX: the calls that files, folders and locks need, as libc declares them.
+!> Calls of POSIX for files, folders and locks, as libc declares them.
 module io_posix
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_ptr, c_size_t
    implicit none(type, external)
    private
-   public :: c_fclose, c_fileno, c_fstat, c_fsync, &
-             c_gethostname, c_getpid, c_getppid, c_glob, c_globfree, c_link, c_lockf, c_lseek, &
-             c_mkdir, c_pread, c_readlink, c_remove, c_rename, c_stat
+   public :: c_fclose, c_fileno, c_fstat, c_fsync, c_gethostname, c_getpid, c_getppid, c_glob, &
+             c_globfree, c_link, c_lockf, c_lseek, c_mkdir, c_pread, c_readlink, c_remove, &
+             c_rename, c_stat
 
    interface
       function c_mkdir(path, mode) result(status) bind(c, name='mkdir')
@@ -33,7 +33,7 @@ module io_posix
          integer(c_int) :: status
       end function c_link
 
-      !> Length of the target of a symbolic link; -1: the path is none.
+      !> Length of the target of a symbolic link; -1 if the path is not a link.
       function c_readlink(path, target, most) result(length) bind(c, name='readlink')
          import :: c_char, c_long, c_size_t
          character(kind=c_char), intent(in) :: path(*)
@@ -65,7 +65,7 @@ module io_posix
          character(kind=c_char), intent(in) :: pattern(*)
          integer(c_int), value :: flags
          type(c_ptr), value :: on_error
-         integer(c_long), intent(inout) :: found(*)   !! glob_t: count, list, what only libc reads
+         integer(c_long), intent(inout) :: found(*)   !! glob_t: count, list, words of libc's own
          integer(c_int) :: status
       end function c_glob
 
@@ -98,17 +98,17 @@ module io_posix
          integer(c_long) :: place
       end function c_lseek
 
-      !> Reads from a place of a file, without regard to where the descriptor stands.
-      function c_pread(descriptor, text, most, place) result(length) bind(c, name='pread')
+      !> Reads at most `most` bytes from byte `offset` of a file; the descriptor's position stays.
+      function c_pread(descriptor, text, most, offset) result(length) bind(c, name='pread')
          import :: c_char, c_int, c_long, c_size_t
          integer(c_int), value :: descriptor
          character(kind=c_char), intent(out) :: text(*)
          integer(c_size_t), value :: most
-         integer(c_long), value :: place
+         integer(c_long), value :: offset
          integer(c_long) :: length
       end function c_pread
 
-      !> Locks `length` bytes from where the descriptor stands; 0: to the end of all files.
+      !> Locks or unlocks `length` bytes from the descriptor's position on; 0: all bytes from there.
       function c_lockf(descriptor, command, length) result(status) bind(c, name='lockf')
          import :: c_int, c_long
          integer(c_int), value :: descriptor, command
@@ -116,17 +116,17 @@ module io_posix
          integer(c_int) :: status
       end function c_lockf
 
-      function c_fstat(descriptor, facts) result(status) bind(c, name='fstat')
+      function c_fstat(descriptor, words) result(status) bind(c, name='fstat')
          import :: c_int, c_long
          integer(c_int), value :: descriptor
-         integer(c_long), intent(out) :: facts(*)   !! struct stat: device, inode, and more
+         integer(c_long), intent(out) :: words(*)   !! struct stat: device, inode and others
          integer(c_int) :: status
       end function c_fstat
 
-      function c_stat(path, facts) result(status) bind(c, name='stat')
+      function c_stat(path, words) result(status) bind(c, name='stat')
          import :: c_char, c_int, c_long
          character(kind=c_char), intent(in) :: path(*)
-         integer(c_long), intent(out) :: facts(*)
+         integer(c_long), intent(out) :: words(*)
          integer(c_int) :: status
       end function c_stat
    end interface

@@ -1,6 +1,5 @@
-!> A process as a group of the results file, the request and the solution; and before that as a file
-!> of the store, the solution alone, beside the shards of the samples that are drawn from it: a fit
-!> that is done is not done again.
+!> A process in HDF5: its request and solution as a group of the results file, and before that its
+!> solution as a file of the store, so that a later run need not fit it again.
 module io_process_results
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: wp
@@ -8,19 +7,19 @@ module io_process_results
    use io_files, only: exists
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file, open_hdf5
-   use io_store, only: finish_file, open_own, shard_store, start_file
+   use io_store, only: create_in_store, finish_in_store, open_in_store, shard_store
    use process_components, only: axis_type, component, component_visitor, forget_components, &
                                  visit_components
    use process_model, only: process_model_type, process_request
    use process_reference, only: is_reference, law_name
    implicit none(type, external)
    private
-   public :: keep_process, process_name, read_kept, write_process
+   public :: keep_process, process_file_name, read_kept, write_process
 
-   character(*), parameter :: solution = '/solution'   !! group of a shard
+   character(*), parameter :: solution = '/solution'   !! group in a file of the store
    character(*), parameter :: advice = '; remove it to have its process solved again'
 
-   !> Writes each component into a group, or reads it from there.
+   !> Writes each component of a process into a group, or reads it from there.
    type, extends(component_visitor) :: group_visitor
       type(group_type) :: group
       logical :: writes = .false.
@@ -31,7 +30,7 @@ module io_process_results
 
 contains
 
-   !> Writes a solved process, or a refused one with its reason.
+   !> Writes the group of a solved process, or of a refused one with the reason.
    subroutine write_process(file, number, model, error, realizations)
       type(hdf5_file), intent(in) :: file
       integer, intent(in) :: number
@@ -52,7 +51,7 @@ contains
       call group%take_error(error)
    end subroutine write_process
 
-   !> Writes all that was found; not the request.
+   !> Writes the components of the solution.
    subroutine write_solution(group, model)
       type(group_type), intent(inout) :: group
       type(process_model_type), intent(in) :: model
@@ -66,7 +65,7 @@ contains
       group = visitor%group
    end subroutine write_solution
 
-   !> Reads all that write_solution was given; the request is known.
+   !> Reads the components of the solution; the model has its request already.
    subroutine read_solution(file, group, model, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: group
@@ -82,6 +81,7 @@ contains
          call raise(error, exit_file, file%path//': '//group//' does not hold a process')
    end subroutine read_solution
 
+   !> Writes the values of the request that apply to it as attributes.
    subroutine write_request(group, request)
       type(group_type), intent(inout) :: group
       type(process_request), intent(in) :: request
@@ -111,6 +111,7 @@ contains
       call group%attribute('max_order', request%max_order)
    end subroutine write_request
 
+   !> Writes or reads a number: a scalar dataset if it has a description, else an attribute.
    subroutine visit_real(self, what, value, error)
       class(group_visitor), intent(inout) :: self
       type(component), intent(in) :: what
@@ -140,6 +141,7 @@ contains
       end if
    end subroutine visit_real
 
+   !> Writes or reads a text as an attribute.
    subroutine visit_text(self, what, value)
       class(group_visitor), intent(inout) :: self
       type(component), intent(in) :: what
@@ -152,6 +154,7 @@ contains
       end if
    end subroutine visit_text
 
+   !> Writes or reads a dataset of one axis or two.
    subroutine visit_table(self, what, values)
       class(group_visitor), intent(inout) :: self
       type(component), intent(in) :: what
@@ -177,7 +180,7 @@ contains
       end if
    end subroutine visit_table
 
-   !> Writes an axis, once in a group.
+   !> Writes an axis, unless the group has it.
    subroutine put_axis(self, axis, n)
       class(group_visitor), intent(inout) :: self
       type(axis_type), intent(in) :: axis
@@ -188,31 +191,31 @@ contains
       call self%group%put_axis(trim(axis%name), n, trim(axis%about), axis%first)
    end subroutine put_axis
 
-   !> Stores a process that is solved, or refused with its reason. It is on the disk when this
-   !> returns without error.
+   !> Writes a process that is solved, or refused with its reason, to a file of the store. It is on
+   !> the disk when this returns without error.
    subroutine keep_process(store, number, model, error)
       type(shard_store), intent(in) :: store
-      integer, intent(in) :: number   !! of the process
+      integer, intent(in) :: number   !! number of the process
       type(process_model_type), intent(in) :: model
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
       type(hdf5_file) :: file
 
-      call start_file(store, process_name(number), file, error)
+      call create_in_store(store, process_file_name(number), file, error)
       if (allocated(error)) return
       group = new_group(file, solution)
-      group%seals_texts = .true.   ! Python has bytes; a results file is for it
+      group%has_fixed_texts = .true.   ! with a checksum; Python need not read this file
       call write_solution(group, model)
       call group%take_error(error)
-      call finish_file(store, process_name(number), file, error)
+      call finish_in_store(store, process_file_name(number), file, error)
    end subroutine keep_process
 
-   !> Reads the processes that a store or an earlier results file has. One of another scene or
-   !> program, or a damaged one, is refused by name; of a results file inspect_results sees to that.
+   !> Reads the processes that a store or an earlier results file has. Refuses a damaged file of the
+   !> store, and one of another scene or program; inspect_results has checked the results file.
    subroutine read_kept(store, models, is_kept, error)
       type(shard_store), intent(in) :: store
       type(process_model_type), intent(inout) :: models(:)   !! (process), their requests known
-      logical, intent(out) :: is_kept(:)
+      logical, intent(out) :: is_kept(:)                     !! true if a file has the process
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: results
       character(:), allocatable :: group
@@ -225,9 +228,9 @@ contains
       do i = 1, size(models)
          if (allocated(error)) exit
          group = '/process/'//numbered('p', i)
-         is_kept(i) = exists(store%folder//'/'//process_name(i))
+         is_kept(i) = exists(store%folder//'/'//process_file_name(i))
          if (is_kept(i)) then
-            call read_one(store, i, models(i), error)
+            call read_from_store(store, i, models(i), error)
          else if (has_results) then
             is_kept(i) = results%has(group)
             if (is_kept(i)) call read_solution(results, group, models(i), error)
@@ -236,26 +239,27 @@ contains
       call results%abandon()
    end subroutine read_kept
 
-   subroutine read_one(store, number, model, error)
+   !> Reads a process from its file of the store.
+   subroutine read_from_store(store, number, model, error)
       type(shard_store), intent(in) :: store
       integer, intent(in) :: number
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
 
-      call open_own(store, process_name(number), 'process', advice, file, error)
+      call open_in_store(store, process_file_name(number), 'process', advice, file, error)
       if (allocated(error)) return
       call read_solution(file, solution, model, error)
       call file%abandon()
       if (allocated(error)) error%message = error%message//advice
-   end subroutine read_one
+   end subroutine read_from_store
 
-   !> process_p003.h5: name of the file of a store that has a process.
-   pure function process_name(number) result(name)
+   !> Name of the file of a process in a store, such as process_p003.h5.
+   pure function process_file_name(number) result(name)
       integer, intent(in) :: number
       character(:), allocatable :: name
 
       name = 'process_'//numbered('p', number)//'.h5'
-   end function process_name
+   end function process_file_name
 
 end module io_process_results

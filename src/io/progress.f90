@@ -1,4 +1,4 @@
-!> How far a run is: one line, redrawn on a terminal, repeated once a minute in a log.
+!> Progress of a run: one line, redrawn on a terminal, or printed once a minute in a log.
 module io_progress
    use core_kinds, only: long, wp
    use core_terminal, only: say, write_output
@@ -8,17 +8,18 @@ module io_progress
    private
    public :: progress_text, progress_type
 
-   !> `start`, then `show` as often as one likes, then `finish`. Without `start` it says nothing.
+   !> Progress line: call `start`, then `show` any number of times, then `finish`. It prints nothing
+   !> before `start`.
    type :: progress_type
       private
       logical :: is_silent = .true.
-      logical :: is_redrawn = .false.
-      character(:), allocatable :: noun
-      integer :: total = 0, done_before = 0
-      integer :: width = 0                 !! of the line that stands on the terminal
-      real(wp) :: interval = 0.0_wp        !! between two lines [s]
-      real(wp) :: next_line = 0.0_wp       !! [s] after the start
-      integer(long) :: started = 0         !! ticks of the clock
+      logical :: is_redrawn = .false.         !! on a terminal
+      character(:), allocatable :: noun       !! what is counted, such as 'samples'
+      integer :: total = 0, done_before = 0   !! items in all, and those of an earlier run
+      integer :: width = 0                    !! characters of the line on the terminal
+      real(wp) :: interval = 0.0_wp           !! time between two lines [s]
+      real(wp) :: next_line = 0.0_wp          !! time of the next line after the start [s]
+      integer(long) :: started = 0            !! clock at the start [ticks]
    contains
       procedure :: start
       procedure :: show
@@ -27,11 +28,11 @@ module io_progress
 
 contains
 
-   !> Starts the clock; work of an earlier run does not enter the rate.
+   !> Starts the clock; items of an earlier run do not enter the rate.
    subroutine start(self, total, done_before, noun)
       class(progress_type), intent(inout) :: self
-      integer, intent(in) :: total, done_before   !! samples
-      character(*), intent(in), optional :: noun  !! what is counted, if not samples
+      integer, intent(in) :: total, done_before
+      character(*), intent(in), optional :: noun  !! absent: 'samples'
 
       self%is_silent = .false.
       self%is_redrawn = shows_on_terminal()
@@ -44,10 +45,10 @@ contains
       call system_clock(self%started)
    end subroutine start
 
-   !> Says how far it is, when it is time to.
+   !> Prints or redraws the line if the interval since the last one is over.
    subroutine show(self, done)
       class(progress_type), intent(inout) :: self
-      integer, intent(in) :: done   !! samples, those of an earlier run with them
+      integer, intent(in) :: done   !! items done, with those of an earlier run
       character(:), allocatable :: text
       integer(long) :: now, rate
       real(wp) :: seconds
@@ -65,7 +66,7 @@ contains
       end if
    end subroutine show
 
-   !> Leaves a clean line.
+   !> Clears the line and silences the progress.
    subroutine finish(self)
       class(progress_type), intent(inout) :: self
 
@@ -73,6 +74,7 @@ contains
       self%is_silent = .true.
    end subroutine finish
 
+   !> Replaces the line on the terminal.
    subroutine redraw(self, text)
       class(progress_type), intent(inout) :: self
       character(*), intent(in) :: text
@@ -82,11 +84,11 @@ contains
       self%width = len(text)
    end subroutine redraw
 
-   !> 412 of 1200 samples, 34 %, 5.2 a second, 2.5 min left
+   !> Progress line, such as '412 of 1200 samples, 34 %, 5.2 a second, 2.5 min left'.
    pure function progress_text(done, done_before, total, seconds, noun) result(text)
-      integer, intent(in) :: done, done_before, total   !! samples
-      real(wp), intent(in) :: seconds                   !! since done_before
-      character(*), intent(in) :: noun                  !! 'samples'
+      integer, intent(in) :: done, done_before, total
+      real(wp), intent(in) :: seconds   !! time for the items after done_before
+      character(*), intent(in) :: noun
       character(:), allocatable :: text
       real(wp) :: rate
 

@@ -1,6 +1,6 @@
-!> The results file, whole or not at all: its structure, its cases, and its end. Datasets are named
-!> as users know them. Of a case here are the axes and attributes and what its samples handed back;
-!> its statistics are io_case_statistics'. Processes are in io_process_results.
+!> The results file: the structure, the axes, attributes and samples of each case, and its end,
+!> after which the file is complete or there is none. io_case_statistics writes the statistics of a
+!> case, io_process_results the processes.
 module io_results
    use campaign_plan, only: kept_dofs, kept_of, output_settings, plan_type
    use campaign_results, only: block_result, spectrum_layout
@@ -9,7 +9,7 @@ module io_results
    use core_kinds, only: wp
    use core_text, only: numbered
    use io_blocks, only: put_block
-   use io_contents, only: check_contents, note_contents
+   use io_contents, only: check_contents, write_contents
    use io_files, only: folder_of, sync_file
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file, hdf5_object, open_hdf5
@@ -30,8 +30,8 @@ module io_results
 
 contains
 
-   !> Writes the structure, and how it was marched: M, C and K by their entries, the joints, the
-   !> load.
+   !> Writes the structure (M, C and K by their entries, joints, load), the method and the step of
+   !> the march.
    subroutine write_structure(file, plan, error)
       type(hdf5_file), intent(in) :: file
       type(plan_type), intent(in) :: plan
@@ -48,7 +48,7 @@ contains
       call group%take_error(error)
    end subroutine write_structure
 
-   !> Writes the axes, the frequencies, M, C, K and the joints.
+   !> Writes the axes, the natural frequencies, M, C, K and the joints.
    subroutine write_matrices(group, structure)
       type(group_type), intent(inout) :: group
       type(structure_type), intent(in) :: structure
@@ -93,31 +93,31 @@ contains
       call group%put(name//'_value', entries%value, unit, 'value', axis)
    end subroutine write_entries
 
-   !> Path of a case's group, without a last slash. The audits come after all cases, in the same
-   !> order, each in the group of the case that it repeats.
-   pure function case_group(number, n_own) result(group)
+   !> Path of the group of a case or audit. Audits have the numbers after all cases, in the same
+   !> order; each lies in the group of the case that it repeats.
+   pure function case_group(number, n_cases) result(group)
       integer, intent(in) :: number
-      integer, intent(in) :: n_own   !! cases that are no audits
+      integer, intent(in) :: n_cases   !! number of cases without audits
       character(:), allocatable :: group
 
-      if (number <= n_own) then
+      if (number <= n_cases) then
          group = '/campaign/'//numbered('c', number)
       else
-         group = '/campaign/'//numbered('c', number - n_own)//'/audit'
+         group = '/campaign/'//numbered('c', number - n_cases)//'/audit'
       end if
    end function case_group
 
-   !> Creates the group of a case with its attributes and axes and room for its samples. `force` is
-   !> the record, or one for each sample, and belongs to histories; errors stay with the group.
+   !> Creates the group of a case and writes its attributes and axes, and the force if histories are
+   !> kept. The group keeps an error.
    subroutine begin_case(file, plan, number, layout, folded_share, group, force)
       type(hdf5_file), intent(in) :: file
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
       type(spectrum_layout), intent(in) :: layout
-      !> (dof) of the pilot march; empty: none was made
-      real(wp), intent(in), contiguous :: folded_share(:)
+      real(wp), intent(in), contiguous :: folded_share(:)   !! (dof); empty without a pilot march
       type(group_type), intent(out) :: group
-      real(wp), intent(in), contiguous, optional :: force(:, :)   !! (step, 1 or sample) [N]
+      !> (step, force; or step, force and sample) [N], or of a moving base [m/s^2]
+      real(wp), intent(in), contiguous, optional :: force(:, :)
 
       group = new_group(file, case_group(number, size(plan%cases)))
       call write_attributes(group, plan, number)
@@ -137,8 +137,9 @@ contains
       if (plan%output%history) call write_history_axes(group, plan, force)
    end subroutine begin_case
 
-   !> Puts the long datasets, shard by shard: memory does not grow with the number of samples. Takes
-   !> the first error of all. Without output%samples no series and spectra are put.
+   !> Writes the long datasets of a case, shard by shard, so that memory does not grow with the
+   !> number of samples; without output%samples no series and spectra. `error` is the first of all
+   !> in the group.
    subroutine finish_case(group, plan, number, stored, error)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
@@ -148,24 +149,24 @@ contains
       type(output_settings) :: kept
       type(block_result) :: block
       type(shard_type), allocatable :: shards(:)
-      integer :: i, n_rows, rows
-      logical :: is_lean
+      integer :: i, n_transitions, n_written
+      logical :: is_lean   ! without series and spectra
 
       kept = kept_of(plan, number)
       is_lean = kept%spectrum .and. .not. kept%keeps_spectra(plan%cases(number)%n_samples)
       shards = stored%shards_of(number, 1, plan%cases(number)%n_samples)
-      n_rows = 0
-      rows = 0
+      n_transitions = 0
+      n_written = 0
       do i = 1, size(shards)
          if (.not. kept%transitions .or. allocated(group%error)) exit
          call read_shard(stored%store, shards(i), block, group%error)
          if (allocated(group%error)) exit
          associate (last => min(block%n_samples, &
                                 plan%cases(number)%n_samples - block%first_sample + 1))
-            n_rows = n_rows + sum(block%transitions(:last)%n)
+            n_transitions = n_transitions + sum(block%transitions(:last)%n)
          end associate
       end do
-      if (kept%transitions) call group%put_axis('transition', n_rows, 'transition')
+      if (kept%transitions) call group%put_axis('transition', n_transitions, 'transition')
       do i = 1, size(shards)
          if (is_lean .and. .not. (kept%transitions .or. kept%history)) exit
          if (allocated(group%error)) exit
@@ -176,13 +177,13 @@ contains
             if (allocated(block%psd)) deallocate (block%psd)
             if (allocated(block%power_series)) deallocate (block%power_series)
          end if
-         call put_block(group, plan, block, rows, n_rows)
+         call put_block(group, plan, block, n_written, n_transitions)
       end do
       call group%take_error(error)
    end subroutine finish_case
 
-   !> Writes the axes of dofs and joints, and the dofs with spectra and histories where they are
-   !> not all.
+   !> Writes the axes of dofs and joints, and that of the dofs with spectra and histories unless all
+   !> have them.
    subroutine write_dofs(group, plan)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
@@ -195,6 +196,7 @@ contains
                      'dof whose spectra and histories are kept', 'kept_dof')
    end subroutine write_dofs
 
+   !> Writes the excitation, the process, the samples and the duration of a case as attributes.
    subroutine write_attributes(group, plan, number)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
@@ -226,6 +228,7 @@ contains
       end associate
    end subroutine write_attributes
 
+   !> Writes the frequencies, the parameters of Welch's method, and the axes of batches.
    subroutine write_spectrum_axes(group, layout, folded_share)
       type(group_type), intent(inout) :: group
       type(spectrum_layout), intent(in) :: layout
@@ -253,7 +256,7 @@ contains
                      'pilot march', 'dof')
    end subroutine write_spectrum_axes
 
-   !> The highest frequency [Hz] of the range of each place in a power series.
+   !> Highest frequency [Hz] of the range of each value of a power series.
    pure function batch_frequencies(layout) result(highest)
       type(spectrum_layout), intent(in) :: layout
       real(wp), allocatable :: highest(:)
@@ -264,11 +267,11 @@ contains
       end associate
    end function batch_frequencies
 
+   !> Writes the axis of time and the force.
    subroutine write_history_axes(group, plan, force)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
-      !> (step, force, or force and sample)
-      real(wp), intent(in), contiguous, optional :: force(:, :)
+      real(wp), intent(in), contiguous, optional :: force(:, :)   !! as in begin_case
       character(:), allocatable :: axes, unit
       integer :: i, n_forces, n_records
 
@@ -289,12 +292,12 @@ contains
                                   [.true., n_forces > 1, n_records > 1]))
    end subroutine write_history_axes
 
-   !> Closes the file, reads it back, and gives it its name; before that there is nothing of that
-   !> name, or still the earlier file. None is left after an error.
+   !> Closes the file, reads it back, and renames it to the output, which until then is missing or
+   !> the earlier file. Removes the file after an error.
    subroutine finish_results(file, lock, wall_seconds, error)
       type(hdf5_file), intent(inout) :: file
-      type(lock_type), intent(inout) :: lock   !! of the output
-      real(wp), intent(in) :: wall_seconds   !! of the run that ends here
+      type(lock_type), intent(inout) :: lock   !! lock on the output
+      real(wp), intent(in) :: wall_seconds     !! duration of the run
       type(error_type), allocatable, intent(out) :: error
       character(:), allocatable :: temporary
       type(hdf5_object) :: root
@@ -303,7 +306,7 @@ contains
       root = hdf5_object(file, '/')
       call root%attribute('wall_seconds', wall_seconds)
       call root%take_error(error)
-      if (.not. allocated(error)) call note_contents(file, '/', error)
+      if (.not. allocated(error)) call write_contents(file, '/', error)
       if (.not. allocated(error)) call file%close(error)
       if (.not. allocated(error)) call sync_file(temporary, error)
       if (.not. allocated(error)) call open_hdf5(temporary, file, error)

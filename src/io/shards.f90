@@ -1,5 +1,5 @@
-!> Finished blocks of samples as files of a store, and the samples that it has in them: small data
-!> of many samples, large data a part at a time.
+!> Shards: files of a store with finished blocks of samples. They are written once, listed, and read
+!> whole, or their short datasets alone, or a part of one dataset.
 module io_shards
    use campaign_results, only: block_result
    use campaign_study, only: block_range
@@ -10,8 +10,9 @@ module io_shards
    use io_files, only: list_files, remove_file, unfinished
    use io_hdf5, only: hdf5_file, hdf5_group, open_hdf5
    use io_lock, only: lock_type
-   use io_process_results, only: process_name
-   use io_store, only: finish_file, numbers_in, open_own, remove_store, shard_store, start_file
+   use io_process_results, only: process_file_name
+   use io_store, only: create_in_store, finish_in_store, numbers_in, open_in_store, remove_store, &
+                       shard_store
    use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
@@ -21,16 +22,16 @@ module io_shards
 
    character(*), parameter :: advice = '; remove it to have its samples computed again'
 
-   !> One shard, as its name tells it; or some samples of an earlier results file.
+   !> Case and samples of a shard, or of a range of samples in an earlier results file.
    type, extends(block_range) :: shard_type
-      character(32) :: group = ''   !! path of it in a results file; '': a shard
-      integer :: before = 0         !! samples in the file before these
+      character(32) :: group = ''   !! path of the case in a results file; '' for a shard
+      integer :: before = 0         !! samples in the file before the first one
    end type shard_type
 
-   !> The shards of a store. Whose they are and that they are sound, read_shard has seen.
+   !> Shards from which samples are read. `read_shard` has checked their identity and checksums.
    type :: stored_samples
       type(shard_store) :: store
-      type(shard_type), allocatable :: shards(:)   !! by their cases, then by their samples
+      type(shard_type), allocatable :: shards(:)   !! in order of cases, then of samples
    contains
       procedure :: shards_of
       procedure :: read => read_samples
@@ -38,8 +39,9 @@ module io_shards
       procedure, private :: require_all
    end type stored_samples
 
-   !> A block of nothing in static memory, which is zero, as allocate_for wants it.
-   type(block_result) :: unread
+   !> An empty block. It lies in static memory, which is zero: the bounds that gfortran 11 reads in
+   !> allocate_for.
+   type(block_result) :: empty_block
 
 contains
 
@@ -56,13 +58,13 @@ contains
          name = shard_name(shard_type(blocks(1)%case_number, first, &
                                       first + sum(blocks%n_samples) - 1))
       end associate
-      call start_file(store, name, file, error)
+      call create_in_store(store, name, file, error)
       if (allocated(error)) return
       call write_blocks(file, blocks, error)
-      call finish_file(store, name, file, error)
+      call finish_in_store(store, name, file, error)
    end subroutine write_shard
 
-   !> Path of a shard, there or not; of samples in a results file that of the file.
+   !> Path of a shard, which need not exist, or of the results file that has the samples.
    pure function path_of(store, shard) result(path)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shard
@@ -72,7 +74,7 @@ contains
       if (shard%group /= '') path = store%output
    end function path_of
 
-   !> Lists the shards of a store by their names; a file that is none is refused by name.
+   !> Lists the shards of a store by their names; refuses a file with another name.
    subroutine list_shards(store, shards, error)
       type(shard_store), intent(in) :: store
       type(shard_type), allocatable, intent(out) :: shards(:)
@@ -86,7 +88,7 @@ contains
       do i = 1, size(paths)
          name = trim(paths(i) (len(store%folder) + 2:))
          numbers = numbers_in(name)
-         if (index(name, unfinished) > 0 .or. name == process_name(numbers(1))) cycle
+         if (index(name, unfinished) > 0 .or. name == process_file_name(numbers(1))) cycle
          n = n + 1
          shards(n) = shard_type(numbers(1), numbers(2), numbers(3))
          if (shard_name(shards(n)) == name) cycle
@@ -97,8 +99,7 @@ contains
       shards = shards(:n)
    end subroutine list_shards
 
-   !> Reads a shard whole: refused by name when it is another scene's, another program's, or
-   !> damaged.
+   !> Reads a shard whole; refuses a damaged one, and one of another scene or program.
    subroutine read_shard(store, shard, block, error)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shard
@@ -106,11 +107,11 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
 
-      block = unread
+      block = empty_block
       if (shard%group /= '') then
          call open_hdf5(path_of(store, shard), file, error)
       else
-         call open_own(store, shard_name(shard), 'samples', advice, file, error)
+         call open_in_store(store, shard_name(shard), 'samples', advice, file, error)
       end if
       if (allocated(error)) return
       block%case_number = shard%case_number
@@ -122,39 +123,38 @@ contains
       if (allocated(error) .and. shard%group == '') error%message = error%message//advice
    end subroutine read_shard
 
-   !> Removes the shards whose samples a results file has, as after a run killed at its very end;
-   !> shards of further samples stay, and processes with them. Else nothing is left of the store. A
-   !> run that has lost its lock leaves the rest to the one that has it.
+   !> Removes the shards whose samples a results file has, and the store if no other shards are
+   !> left. Stops without an error if the run has lost its lock.
    subroutine remove_covered(store, lock, n_samples, error)
       type(shard_store), intent(in) :: store
       type(lock_type), intent(inout) :: lock
-      integer, intent(in) :: n_samples(:)   !! (case) of the results file
+      integer, intent(in) :: n_samples(:)   !! (case) in the results file
       type(error_type), allocatable, intent(out) :: error
       type(error_type), allocatable :: lost
       type(shard_type), allocatable :: shards(:)
-      logical :: is_bare
+      logical :: all_covered
       integer :: i, last
 
       call list_shards(store, shards, error)
       if (allocated(error)) return
-      is_bare = .true.
+      all_covered = .true.
       do i = 1, size(shards)
          call lock%keep(lost)
          if (allocated(lost)) return
          last = 0
          if (shards(i)%case_number <= size(n_samples)) last = n_samples(shards(i)%case_number)
          if (shards(i)%last > last) then
-            is_bare = .false.
+            all_covered = .false.
          else
             call remove_file(path_of(store, shards(i)), error)
             if (allocated(error)) return
          end if
       end do
       call lock%keep(lost)
-      if (is_bare .and. .not. allocated(lost)) call remove_store(store, error)
+      if (all_covered .and. .not. allocated(lost)) call remove_store(store, error)
    end subroutine remove_covered
 
-   !> c007_s00033-00064.h5: case 7, samples 33 to 64.
+   !> Name of a shard, such as c007_s00033-00064.h5 for samples 33 to 64 of case 7.
    pure function shard_name(shard) result(name)
       type(shard_type), intent(in) :: shard
       character(:), allocatable :: name
@@ -165,7 +165,7 @@ contains
       name = trim(buffer)
    end function shard_name
 
-   !> True if a sample of the first n_samples of a case has a shard.
+   !> True if a shard has the sample.
    pure function finished_samples(shards, n_samples) result(is_finished)
       type(shard_type), intent(in) :: shards(:)
       integer, intent(in) :: n_samples(:)   !! (case)
@@ -181,7 +181,7 @@ contains
       end do
    end function finished_samples
 
-   !> Prepares to read samples.
+   !> Sorts shards by cases, then by samples, for reading.
    pure subroutine order_shards(store, shards, stored)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)
@@ -191,7 +191,7 @@ contains
       stored%shards = shards(sort_order(shards%case_number*2.0_wp**31 + shards%first))
    end subroutine order_shards
 
-   !> The shards with any of samples first..last of a case, by their samples.
+   !> Shards with any of samples first..last of a case, in order of samples.
    pure function shards_of(self, case_number, first, last) result(shards)
       class(stored_samples), intent(in) :: self
       integer, intent(in) :: case_number, first, last
@@ -205,7 +205,7 @@ contains
       end associate
    end function shards_of
 
-   !> Reads samples first..last of a case without slip series, spectra, histories and transitions.
+   !> Reads the short datasets of samples first..last of a case.
    subroutine read_samples(self, case_number, first, last, block, error)
       class(stored_samples), intent(in) :: self
       integer, intent(in) :: case_number, first, last
@@ -217,7 +217,7 @@ contains
 
       call self%require_all(case_number, first, last, shards, error)
       if (allocated(error)) return
-      block = unread
+      block = empty_block
       block%case_number = case_number
       block%first_sample = first
       block%n_samples = last - first + 1
@@ -234,13 +234,13 @@ contains
       end do
    end subroutine read_samples
 
-   !> Reads a part of a dataset of samples: all values behind the first one, as far as there is
-   !> room. Ranges of frequencies_together need the fewest reads of spectra.
+   !> Reads a part of a long dataset of a case, of the shape of `values`. Spectra need the fewest
+   !> reads in ranges of `frequencies_together`.
    subroutine read_part(self, case_number, name, first, values, error)
       class(stored_samples), intent(in) :: self
       integer, intent(in) :: case_number
       character(*), intent(in) :: name            !! 'psd', 'power_series' or 'slip_series'
-      integer, intent(in) :: first(3)             !! place of the first value on each axis
+      integer, intent(in) :: first(3)             !! index of the first value on each axis
       !> (dof or joint; frequency, batch and range, or span; sample)
       real(wp), intent(out), contiguous :: values(:, :, :)
       type(error_type), allocatable, intent(out) :: error
@@ -268,8 +268,8 @@ contains
       end do
    end subroutine read_part
 
-   !> Finds the shards of samples first..last of a case; refuses samples of which one has no shard:
-   !> it was removed during the run.
+   !> Finds the shards of samples first..last of a case; raises an error if one was removed during
+   !> the run.
    subroutine require_all(self, case_number, first, last, shards, error)
       class(stored_samples), intent(in) :: self
       integer, intent(in) :: case_number, first, last

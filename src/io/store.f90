@@ -1,5 +1,5 @@
-!> The folder of one output, `<output>.shards/`: what is finished on the way to its results file, in
-!> files that are written once, each whole or not at all.
+!> Store of an output: the folder `<output>.shards/` with finished blocks and processes until the
+!> results file has them. Each file is written once under a temporary name, then renamed.
 module io_store
    use core_error, only: error_type, exit_file, raise
    use io_files, only: list_files, make_folder, remove_file, rename_file, sync_file, unfinished, &
@@ -9,10 +9,10 @@ module io_store
    implicit none(type, external)
    private
    public :: shard_store, new_store
-   public :: begin_file, discard_file, finish_file, numbers_in, open_own, remove_leftovers, &
-             remove_store, start_file
+   public :: begin_file, create_in_store, discard_file, finish_in_store, numbers_in, &
+             open_in_store, remove_leftovers, remove_store
 
-   !> Where the files of one output lie.
+   !> Paths of an output and of its store, and the identity that its files must have.
    type :: shard_store
       character(:), allocatable :: output   !! path of the results file
       character(:), allocatable :: folder
@@ -21,7 +21,7 @@ module io_store
 
 contains
 
-   !> The store of a results file; nothing is made before the first file is.
+   !> Store of a results file. Its folder is made with the first file.
    pure function new_store(output, identity) result(store)
       character(*), intent(in) :: output   !! path of the results file
       type(identity_type), intent(in) :: identity
@@ -32,10 +32,10 @@ contains
       store%identity = identity
    end function new_store
 
-   !> Creates a file of the store; finish_file gives it its name, which it also has in its header.
-   subroutine start_file(store, name, file, error)
+   !> Creates a file of the store under a temporary name; its attribute `name` has the final one.
+   subroutine create_in_store(store, name, file, error)
       type(shard_store), intent(in) :: store
-      character(*), intent(in) :: name   !! without the folder
+      character(*), intent(in) :: name   !! final name, without the folder
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_object) :: root
@@ -45,15 +45,15 @@ contains
          call begin_file(store%folder//'/'//name, store%identity, file, error)
       if (allocated(error)) return
       root = hdf5_object(file, '/')
-      root%seals_texts = .true.
+      root%has_fixed_texts = .true.
       call root%attribute('name', name)
       call root%take_error(error)
       if (allocated(error)) call discard_file(file)
-   end subroutine start_file
+   end subroutine create_in_store
 
-   !> Creates a file with an identity under a temporary name; none is left after an error.
+   !> Creates a file with an identity under a temporary name; removes it after an error.
    subroutine begin_file(path, identity, file, error)
-      character(*), intent(in) :: path   !! what the file is called when it is whole
+      character(*), intent(in) :: path   !! final path
       type(identity_type), intent(in) :: identity
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
@@ -63,7 +63,7 @@ contains
       if (allocated(error)) call discard_file(file)
    end subroutine begin_file
 
-   !> Removes a file that is not finished; what stood in its place stays as it is.
+   !> Closes and removes an unfinished file. A finished file of its final name stays.
    subroutine discard_file(file)
       type(hdf5_file), intent(inout) :: file
       type(error_type), allocatable :: ignored
@@ -72,13 +72,13 @@ contains
       call remove_file(file%path, ignored)
    end subroutine discard_file
 
-   !> Opens a finished file that must be of the store's scene and program, and hold what its name
-   !> tells.
-   subroutine open_own(store, name, what, advice, file, error)
+   !> Opens a finished file of the store; refuses a damaged or renamed one, and one of another scene
+   !> or program.
+   subroutine open_in_store(store, name, content, advice, file, error)
       type(shard_store), intent(in) :: store
       character(*), intent(in) :: name       !! without the folder
-      character(*), intent(in) :: what       !! the name tells: 'samples'
-      character(*), intent(in) :: advice     !! behind an error
+      character(*), intent(in) :: content    !! content that the name states: 'samples' or 'process'
+      character(*), intent(in) :: advice     !! end of an error
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_object) :: root
@@ -97,16 +97,16 @@ contains
          if (allocated(error)) then
             error%message = error%message//advice
          else if (found /= name) then
-            call raise(error, exit_file, file%path//' does not hold the '//what// &
+            call raise(error, exit_file, file%path//' does not hold the '//content// &
                        ' that its name tells'//advice)
          end if
       end if
       if (allocated(error)) call file%abandon()
-   end subroutine open_own
+   end subroutine open_in_store
 
-   !> Closes the file and gives it its name; it is on the disk when this returns without error.
-   !> After an error, met here or while it was filled, removes it.
-   subroutine finish_file(store, name, file, error)
+   !> Closes a file and renames it to its final name; it is on the disk when this returns without
+   !> error. Removes it after an error, also after one that is passed in.
+   subroutine finish_in_store(store, name, file, error)
       type(shard_store), intent(in) :: store
       character(*), intent(in) :: name
       type(hdf5_file), intent(inout) :: file
@@ -120,9 +120,9 @@ contains
       else
          call sync_file(store%folder, error)   ! the new name
       end if
-   end subroutine finish_file
+   end subroutine finish_in_store
 
-   !> The whole numbers in a name, as many as there are of the first three; the others are 0.
+   !> First three whole numbers in a name; 0 for missing ones, and for all if one is too large.
    pure function numbers_in(name) result(numbers)
       character(*), intent(in) :: name
       integer :: numbers(3)
@@ -135,11 +135,11 @@ contains
       end do
       numbers = 0
       read (text, *, iostat=status) numbers
-      if (status /= 0) numbers = 0   ! one is too large
+      if (status /= 0) numbers = 0
    end function numbers_in
 
-   !> Removes what killed runs left half-written, results files too; only for who holds the lock of
-   !> the output.
+   !> Removes the unfinished files of killed runs, of the store and of the results file. The caller
+   !> must hold the lock on the output.
    subroutine remove_leftovers(store, error)
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
@@ -148,7 +148,7 @@ contains
       if (.not. allocated(error)) call remove_files(store%folder//'/', unfinished, error)
    end subroutine remove_leftovers
 
-   !> Removes the store and all in it; one that was never made is fine.
+   !> Removes the store with all its files, if there is one, and unfinished results files.
    subroutine remove_store(store, error)
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
@@ -158,13 +158,14 @@ contains
       if (.not. allocated(error)) call remove_file(store%folder, error)
    end subroutine remove_store
 
-   subroutine remove_files(begin, part, error)
-      character(*), intent(in) :: begin, part   !! as list_files has them
+   !> Removes the files that `list_files` lists.
+   subroutine remove_files(prefix, part, error)
+      character(*), intent(in) :: prefix, part
       type(error_type), allocatable, intent(out) :: error
       character(:), allocatable :: paths(:)
       integer :: i
 
-      call list_files(begin, part, paths, error)
+      call list_files(prefix, part, paths, error)
       do i = 1, size(paths)
          call remove_file(trim(paths(i)), error)
          if (allocated(error)) return

@@ -1,4 +1,5 @@
-!> Costs and errors of settings, as the group /tradeoff of a file of its own.
+!> The tradeoff's file: its group /tradeoff has the costs and errors of settings, sample sizes,
+!> spectra and processes.
 module io_tradeoff_results
    use campaign_plan, only: plan_type
    use core_error, only: error_type
@@ -15,7 +16,7 @@ module io_tradeoff_results
    private
    public :: tradeoff_findings, write_tradeoff
 
-   !> Findings of a tradeoff; without a structure the orders alone.
+   !> Results of a tradeoff; a scene without a structure has the orders alone.
    type :: tradeoff_findings
       type(tradeoff_type) :: tradeoff
       type(setting_row), allocatable :: settings(:)
@@ -28,7 +29,7 @@ module io_tradeoff_results
 
 contains
 
-   !> Writes all groups; those of marches only where there were some.
+   !> Writes all groups; those of marches only if the scene has a structure.
    subroutine write_tradeoff(file, plan, found, error)
       type(hdf5_file), intent(in) :: file
       type(plan_type), intent(in) :: plan
@@ -53,7 +54,7 @@ contains
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       type(setting_row), intent(in) :: rows(:)
-      integer, intent(in) :: n_short   !! steps that were marched
+      integer, intent(in) :: n_short   !! steps of the trial marches
 
       call group%go_to('/tradeoff')
       call group%attribute('n_steps', n_short)
@@ -89,7 +90,7 @@ contains
       call group%put('is_own', merge(1, 0, rows%is_own), '1', '1: the setting of the scene')
    end subroutine write_settings
 
-   !> Writes the components of the error of the scene's own results.
+   !> Writes the components of the error of the scene's results.
    subroutine write_errors(group, errors)
       type(group_type), intent(inout) :: group
       type(error_components), intent(in) :: errors
@@ -101,19 +102,19 @@ contains
 
    contains
 
-      subroutine put_component(name, of, what)
-         character(*), intent(in) :: name, what
-         real(wp), intent(in) :: of(:)   !! (published number)
-
-         call group%put_value(name//'_slip', of(slip), '%', what//' of mean slip fractions')
-         call group%put_value(name//'_slip_std', of(slip_std), '%', &
-                              what//' of their standard deviation')
-         call group%put_value(name//'_psd_mean', of(psd_mean), '1', &
-                              what//' of mean spectra, relative')
-         call group%put_value(name//'_psd_percentiles', of(psd_percentiles), '1', &
-                              what//' of percentiles of spectra, relative')
-         call group%put_value(name//'_ratio', of(band_ratio), '1', &
-                              what//' of band ratios, relative')
+      subroutine put_component(name, component, long_name)
+         character(*), intent(in) :: name, long_name
+         real(wp), intent(in) :: component(:)   !! (published number)
+         call group%put_value(name//'_slip', component(slip), '%', &
+                              long_name//' of mean slip fractions')
+         call group%put_value(name//'_slip_std', component(slip_std), '%', &
+                              long_name//' of their standard deviation')
+         call group%put_value(name//'_psd_mean', component(psd_mean), '1', &
+                              long_name//' of mean spectra, relative')
+         call group%put_value(name//'_psd_percentiles', component(psd_percentiles), '1', &
+                              long_name//' of percentiles of spectra, relative')
+         call group%put_value(name//'_ratio', component(band_ratio), '1', &
+                              long_name//' of band ratios, relative')
       end subroutine put_component
 
    end subroutine write_errors
@@ -150,7 +151,7 @@ contains
       call group%put('seconds', rows%seconds, 's', 'processor time of the march')
    end subroutine write_sizes
 
-   !> Writes what other orders and fits of the processes change.
+   !> Writes the changes of the results by other orders and fits of the processes.
    subroutine write_variants(group, tradeoff, rows)
       type(group_type), intent(inout) :: group
       type(tradeoff_type), intent(in) :: tradeoff
@@ -180,11 +181,11 @@ contains
 
    contains
 
-      subroutine put_change(name, place, units, about)
-         character(*), intent(in) :: name, units, about
-         integer, intent(in) :: place   !! among the published numbers
+      subroutine put_change(name, place, units, long_name)
+         character(*), intent(in) :: name, units, long_name
+         integer, intent(in) :: place   !! index of the published number
 
-         call group%put(name, rows%change(place), units, about)
+         call group%put(name, rows%change(place), units, long_name)
          call group%put(name//'_error', rows%error(place), units, 'standard error of '//name)
       end subroutine put_change
 

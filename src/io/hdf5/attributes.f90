@@ -1,9 +1,8 @@
-!> A group or dataset of a file with its attributes: texts as UTF-8, logicals as 0 and 1.
+!> Attributes of groups and datasets: numbers, logicals as 0 and 1, texts as UTF-8.
 !>
-!> Texts are of variable length, as Python likes them best. HDF5 keeps those in a heap without
-!> checksum, and may crash on a damaged one: what must be read from files of unknown health is
-!> sealed, of fixed length, which lies under the checksum of its object: there a flipped bit is
-!> noticed.
+!> Texts have variable length, which h5py reads as str. HDF5 keeps those in a heap without a
+!> checksum and may crash on a damaged one. So texts that the program itself reads back have a fixed
+!> length: they lie in the header of their object, whose checksum shows damage.
 module io_hdf5_attributes
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_loc, c_null_char, c_null_ptr, &
                                                                              c_ptr
@@ -17,13 +16,13 @@ module io_hdf5_attributes
    private
    public :: hdf5_object
 
-   !> A group or dataset, '/' the file itself, and the first error met in it: everything else then
-   !> passes by, and the error is taken once.
+   !> Group or dataset of a file. It keeps the first error, until `take_error`; further calls then
+   !> do nothing.
    type :: hdf5_object
       type(hdf5_file) :: file
       character(:), allocatable :: path
       type(error_type), allocatable :: error
-      logical :: seals_texts = .false.   !! that it writes
+      logical :: has_fixed_texts = .false.   !! texts are written with fixed length
    contains
       generic :: read => read_text, read_integer, read_real
       procedure :: attribute
@@ -35,7 +34,7 @@ module io_hdf5_attributes
 
 contains
 
-   !> Returns the first error of all work on the object.
+   !> Moves the first error out of the object.
    subroutine take_error(self, error)
       class(hdf5_object), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
@@ -76,11 +75,13 @@ contains
       type is (real(wp))
          call self%write_value(name, H5T_NATIVE_DOUBLE, c_loc(value))
       class default
-         error stop 'attribute: no kind of value that it knows'
+         error stop 'attribute: a value of another type'
       end select
       call self%fail(name, ': cannot be written')
    end subroutine attribute
 
+   !> Writes a text of fixed or variable length. HDF5 has no text of fixed length 0: a blank stands
+   !> for it.
    subroutine write_text(self, name, value)
       class(hdf5_object), intent(in) :: self
       character(*), intent(in) :: name, value
@@ -89,7 +90,7 @@ contains
       integer(hid_t) :: kind
       integer :: status
 
-      if (self%seals_texts) then
+      if (self%has_fixed_texts) then
          characters = transfer(value//repeat(' ', merge(1, 0, len(value) == 0)), [c_char_'x'])
          call new_text_kind(kind, size(characters))
          call self%write_value(name, kind, c_loc(characters))
@@ -102,6 +103,7 @@ contains
       call h5tclose_f(kind, status)
    end subroutine write_text
 
+   !> Creates an attribute of an HDF5 type and writes its value.
    subroutine write_value(self, name, kind, value)
       class(hdf5_object), intent(in) :: self
       character(*), intent(in) :: name
@@ -117,7 +119,7 @@ contains
       call h5sclose_f(space, status)
    end subroutine write_value
 
-   !> Takes the failure of what was done with an attribute, where there was one.
+   !> Keeps an error if HDF5 failed to read or write an attribute.
    subroutine fail(self, name, failure)
       class(hdf5_object), intent(inout) :: self
       character(*), intent(in) :: name, failure
@@ -125,6 +127,7 @@ contains
       call conclude(self%file%path//': attribute '//name//' of '//self%path//failure, self%error)
    end subroutine fail
 
+   !> Reads a text of fixed or variable length.
    subroutine read_text(self, name, value)
       class(hdf5_object), intent(inout) :: self
       character(*), intent(in) :: name
@@ -156,7 +159,7 @@ contains
       call self%fail(name, ': cannot be read')
    end subroutine read_text
 
-   !> Bytes of a text of fixed length; 0 for one of variable length.
+   !> Length of a text of fixed length [byte]; 0 for one of variable length.
    integer function text_length(self, name)
       class(hdf5_object), intent(in) :: self
       character(*), intent(in) :: name
@@ -196,7 +199,7 @@ contains
       call self%fail(name, ': cannot be read')
    end subroutine read_real
 
-   !> Reads one value, and refuses what is not one: `value` has room for no more.
+   !> Reads an attribute of one value; refuses an array, for which `value` has no memory.
    subroutine read_value(self, name, kind, value)
       class(hdf5_object), intent(in) :: self
       character(*), intent(in) :: name

@@ -1,9 +1,8 @@
-!> Datasets of a group: numbers of any rank, whole or in parts, with units, meaning and axes. In
-!> memory all are reals, which hold the whole numbers of a file exactly (below 2^53); HDF5 converts
-!> them.
+!> Datasets of a group: numbers of any rank, whole or in parts, with units, meaning and axes.
 !>
-!> Arrays are Fortran's here; Python sees their axes reversed, and axis names are given in Python's
-!> order.
+!> In memory all numbers are reals. HDF5 converts the whole numbers of a file, which are exact below
+!> 2^53. Extents and indices have Fortran's order; Python sees the axes reversed, and the names of
+!> axes are given in Python's order.
 module io_hdf5_datasets
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc, c_ptr
    use core_chunks, only: chunk_of
@@ -20,8 +19,7 @@ module io_hdf5_datasets
    private
    public :: hdf5_group
 
-   !> A group with its datasets, which are called by their names in it. After a first error
-   !> everything else passes by.
+   !> Group whose datasets have their names in it. It keeps the first error, see hdf5_object.
    type, extends(hdf5_object) :: hdf5_group
    contains
       procedure :: at
@@ -33,12 +31,12 @@ module io_hdf5_datasets
       procedure :: write_dataset
       procedure :: read_part
       procedure :: move_rows
-      procedure, private :: attach_axes, move, take_failure
+      procedure, private :: attach_axes, keep_failure, move
    end type hdf5_group
 
 contains
 
-   !> Path of a member.
+   !> Path of a member of the group.
    pure function at(self, name) result(path)
       class(hdf5_group), intent(in) :: self
       character(*), intent(in) :: name
@@ -56,27 +54,27 @@ contains
       has = self%file%has(self%at(name))
    end function has
 
-   !> Takes the failure of what was done with a dataset, where there was one.
-   subroutine take_failure(self, name, failure)
+   !> Keeps an error if HDF5 failed to work on a dataset.
+   subroutine keep_failure(self, name, failure)
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name, failure
 
       call conclude(self%file%path//': '//self%at(name)//failure, self%error)
-   end subroutine take_failure
+   end subroutine keep_failure
 
-   !> Creates a dataset without values: a scalar in the object's header, an array in chunks, both
-   !> under a checksum of HDF5's own. One that bears the name of its only axis becomes that axis:
-   !> make it before those that have the axis.
+   !> Creates a dataset without values: a scalar in the header of its object, an array in chunks,
+   !> both with checksums of HDF5. A dataset with the name of its only axis becomes that axis; it
+   !> must be made before the datasets that have the axis.
    subroutine make(self, name, extents, units, long_name, axes, kind, chunk)
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name
       integer(hsize_t), intent(in) :: extents(:)   !! Fortran's order
       character(*), intent(in) :: units            !! '1' for pure numbers
       character(*), intent(in) :: long_name
-      character(*), intent(in) :: axes             !! 'sample dof': as Python sees them; may be ''
-      !> 'integer' or 'long' where the file has whole numbers, of 4 or 8 bytes
+      character(*), intent(in) :: axes             !! names in Python's order: 'sample dof'; or ''
+      !> 'integer' or 'long' for whole numbers of 4 or 8 bytes in the file; else reals
       character(*), intent(in), optional :: kind
-      integer, intent(in), optional :: chunk(:)    !! Fortran's order; absent: chosen
+      integer, intent(in), optional :: chunk(:)    !! Fortran's order; absent: that of chunk_of
       type(hdf5_object) :: object
       integer(hsize_t) :: chunks(size(extents))
       integer(hid_t) :: dataset, number, properties, space
@@ -106,7 +104,7 @@ contains
       call h5dclose_f(dataset, status)
       call h5sclose_f(space, status)
       call h5pclose_f(properties, status)
-      call self%take_failure(name, ': cannot be made')
+      call self%keep_failure(name, ': cannot be made')
       if (allocated(self%error)) return
       object%file = self%file
       object%path = self%at(name)
@@ -116,8 +114,8 @@ contains
       if (.not. allocated(self%error)) call self%attach_axes(name, axes)
    end subroutine make
 
-   !> Joins each axis of a dataset to the scale of that name in the same group, or in the group
-   !> above.
+   !> Attaches the scale of each axis, a dataset of the same group or of the group above, to a
+   !> dataset.
    subroutine attach_axes(self, name, axes)
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name, axes
@@ -140,7 +138,7 @@ contains
          end do
       end if
       call h5dclose_f(dataset, status)
-      call self%take_failure(name, ': cannot be given its axes ('//axes//')')
+      call self%keep_failure(name, ': cannot be given its axes ('//axes//')')
    end subroutine attach_axes
 
    !> Reads the extent of each axis of a dataset, in Fortran's order; a scalar has none. Refuses
@@ -163,17 +161,17 @@ contains
       extents = int(now, long)
       call h5sclose_f(space, status)
       call h5dclose_f(dataset, status)
-      call self%take_failure(name, ': cannot be read')
+      call self%keep_failure(name, ': cannot be read')
       if (allocated(self%error) .or. .not. present(n_axes)) return
       if (n /= n_axes) call raise(self%error, exit_file, self%file%path//': '//self%at(name)// &
                                   ': cannot be read: '//to_text(n)//' axes where '// &
                                   to_text(n_axes)//' are expected')
    end subroutine read_shape
 
-   !> Allocates an array for a dataset, or for so many rows of its last axis, unless it is there. A
-   !> damaged file names any extent. In gfortran 11 `select rank` takes an array for one of assumed
-   !> size if its last bound is -1, as memory where it was never allocated may hold it: that memory
-   !> is set before.
+   !> Allocates an array for a dataset, or for n_rows rows of its last axis, unless it is allocated.
+   !> Raises an error if memory is too small, as for the extents of a damaged file. In gfortran 11
+   !> `select rank` takes an array for one of assumed size if its last bound is -1, which may stand
+   !> in memory that was never allocated: the caller sets that memory before.
    subroutine allocate_for(self, name, values, n_rows)
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name
@@ -199,11 +197,11 @@ contains
                                   ' does not fit into memory: '//to_text(product(n))//' values')
    end subroutine allocate_for
 
-   !> Reads all of a dataset, a piece at a time, for HDF5 to see that its checksums are right.
+   !> Reads all of a dataset, a piece at a time, so that HDF5 verifies its checksums.
    subroutine check(self, name)
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name
-      integer, parameter :: piece = 2**20   ! values
+      integer, parameter :: piece = 2**20   ! values that are read at once
       integer(long), allocatable :: extents(:)
       real(wp), allocatable, target :: values(:)
       real(wp) :: scalar
@@ -230,10 +228,10 @@ contains
    !> Writes a whole dataset of any rank.
    subroutine write_dataset(self, name, values, units, long_name, axes, kind, extents)
       class(hdf5_group), intent(inout) :: self
-      character(*), intent(in) :: name, units, long_name, axes   !! as `make` has them
+      character(*), intent(in) :: name, units, long_name, axes   !! see `make`
       real(wp), intent(in), target, contiguous :: values(..)
       character(*), intent(in), optional :: kind
-      integer, intent(in), optional :: extents(:)   !! of the dataset, if not the shape of `values`
+      integer, intent(in), optional :: extents(:)   !! of the dataset; absent: the shape of `values`
       integer(hsize_t), allocatable :: whole(:)
 
       whole = extents_of(values)
@@ -242,35 +240,35 @@ contains
       call self%move(name, spread(1, 1, size(whole)), whole, c_loc(values), .true.)
    end subroutine write_dataset
 
-   !> Reads the part of a dataset that begins at `first` (counted from 1, Fortran's order).
+   !> Reads the part of a dataset that begins at `first` and has the shape of `values`.
    subroutine read_part(self, name, first, values)
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name
-      integer, intent(in) :: first(:)   !! empty for a scalar
+      integer, intent(in) :: first(:)   !! counted from 1, Fortran's order; empty for a scalar
       real(wp), intent(inout), target, contiguous :: values(..)
 
       call self%move(name, first, extents_of(values), c_loc(values), .false.)
    end subroutine read_part
 
-   !> The shape of what is written or read; empty for a scalar, whose `shape` gfortran 11 gets wrong
-   !> where the rank is assumed.
+   !> Shape of an array of assumed rank, empty for a scalar, for which gfortran 11 gets `shape`
+   !> wrong.
    pure function extents_of(values) result(extents)
       type(*), intent(in) :: values(..)
       integer(hsize_t), allocatable :: extents(:)
       integer :: i
 
-      ! gfortran has -1 for the last extent of an expression without elements
+      ! gfortran gives the last extent of an empty expression as -1
       extents = [(max(size(values, i, hsize_t), 0_hsize_t), i=1, rank(values))]
    end function extents_of
 
-   !> Writes n rows of the last axis behind the first `place` of them into a dataset, behind its
-   !> first `before`, or reads them from there.
-   subroutine move_rows(self, name, before, values, place, n, is_written)
+   !> Writes or reads n rows of the last axis, between the dataset from row file_offset + 1 on and
+   !> the array from row offset + 1 on.
+   subroutine move_rows(self, name, file_offset, values, offset, n, is_written)
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name
-      integer, intent(in) :: before, place, n
+      integer, intent(in) :: file_offset, offset, n
       real(wp), allocatable, intent(in), target :: values(..)
-      logical, intent(in) :: is_written
+      logical, intent(in) :: is_written   !! else read
       integer(hsize_t) :: extents(rank(values))
       integer :: first(rank(values))
       real(wp), pointer :: numbers(:)
@@ -281,21 +279,21 @@ contains
       associate (last => size(extents))
          extents(last) = n
          first = 1
-         first(last) = before + 1
+         first(last) = file_offset + 1
          call self%move(name, first, extents, &
-                        c_loc(numbers(product(extents(:last - 1))*place + 1)), is_written)
+                        c_loc(numbers(product(extents(:last - 1))*offset + 1)), is_written)
       end associate
    end subroutine move_rows
 
-   !> Passes values of a scalar or of a part of a dataset to the file or from it.
+   !> Writes or reads a scalar, or the part of a dataset that begins at `first`.
    subroutine move(self, name, first, extents, values, is_written, failure)
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name
       integer, intent(in) :: first(:)
       integer(hsize_t), intent(in) :: extents(:)
       type(c_ptr), value :: values
-      logical, intent(in) :: is_written
-      character(*), intent(in), optional :: failure   !! to read
+      logical, intent(in) :: is_written               !! else read
+      character(*), intent(in), optional :: failure   !! of the error; absent: 'cannot be read'
       integer(hid_t) :: dataset, part, memory
       integer :: status
 
@@ -318,9 +316,9 @@ contains
       call h5sclose_f(part, status)
       call h5dclose_f(dataset, status)
       if (present(failure)) then
-         call self%take_failure(name, failure)
+         call self%keep_failure(name, failure)
       else
-         call self%take_failure(name, ': cannot be '//trim(merge('written', 'read   ', is_written)))
+         call self%keep_failure(name, ': cannot be '//trim(merge('written', 'read   ', is_written)))
       end if
    end subroutine move
 

@@ -1,4 +1,4 @@
-!> HDF5 files and their groups.
+!> HDF5 files: create, open and close them, and list and make their groups.
 module io_hdf5_file
    use, intrinsic :: iso_c_binding, only: c_bool, c_int, c_int64_t
    use core_error, only: error_type
@@ -9,10 +9,10 @@ module io_hdf5_file
    private
    public :: hdf5_file, create_hdf5, hdf5_library, new_timeless_list, open_hdf5
 
-   !> One open file. After an error only `abandon` makes sense.
+   !> One open file. After an error it can only be abandoned.
    type :: hdf5_file
       character(:), allocatable :: path
-      integer(hid_t) :: id = -1   !! HDF5's; of no use outside the door
+      integer(hid_t) :: id = -1   !! HDF5's identifier, for the rooms of this wing; -1: closed
    contains
       procedure :: close => close_file
       procedure :: abandon
@@ -23,7 +23,7 @@ module io_hdf5_file
    end type hdf5_file
 
    interface
-      !> The Fortran door of HDF5 1.10 lacks this one
+      !> Switches HDF5's file locks; missing in the Fortran interface of HDF5 1.10.
       function c_set_file_locking(access, use_locks, ignore_when_disabled) result(status) &
          bind(c, name='H5Pset_file_locking')
          import :: c_bool, c_int, c_int64_t
@@ -33,11 +33,11 @@ module io_hdf5_file
       end function c_set_file_locking
    end interface
 
-   logical :: is_started = .false.
+   logical :: is_started = .false.   !! the HDF5 library is initialized
 
 contains
 
-   !> Version of the library.
+   !> Version of the HDF5 library.
    function hdf5_library() result(text)
       character(:), allocatable :: text
       integer :: major, minor, release, status
@@ -46,7 +46,7 @@ contains
       text = to_text(major)//'.'//to_text(minor)//'.'//to_text(release)
    end function hdf5_library
 
-   !> Creates a file, in place of any other.
+   !> Creates a file and replaces any other of its path.
    subroutine create_hdf5(path, file, error)
       character(*), intent(in) :: path
       type(hdf5_file), intent(out) :: file
@@ -80,8 +80,7 @@ contains
       call conclude(path//': cannot be opened as HDF5', error)
    end subroutine open_hdf5
 
-   !> Closes the file. A full disk may show only here: a file counts as written when this
-   !> succeeded.
+   !> Closes the file. It is written only if this succeeds: a full disk may show here first.
    subroutine close_file(self, error)
       class(hdf5_file), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
@@ -93,7 +92,7 @@ contains
       call conclude(self%path//': cannot be written to its end', error)
    end subroutine close_file
 
-   !> Closes after an error, or a file that was only read; what fails now does not matter any more.
+   !> Closes a file after an error, or one that was only read, and ignores failures.
    subroutine abandon(self)
       class(hdf5_file), intent(inout) :: self
       type(error_type), allocatable :: error
@@ -101,8 +100,8 @@ contains
       call self%close(error)
    end subroutine abandon
 
-   !> True if there is a group or dataset of this path, whose parents may be missing too; true where
-   !> damage hides it: what then reads it says so.
+   !> True if there is a group or dataset of this path. Groups above it may be missing. True also if
+   !> the file is damaged there: reading then raises an error.
    function has(self, path)
       class(hdf5_file), intent(in) :: self
       character(*), intent(in) :: path
@@ -121,6 +120,7 @@ contains
       end do
    end function has
 
+   !> True if the object of this path is a group.
    function is_group(self, path)
       class(hdf5_file), intent(in) :: self
       character(*), intent(in) :: path
@@ -145,7 +145,7 @@ contains
       integer :: i, n, status
 
       call h5gn_members_f(self%id, group, n, status)
-      if (status < 0) n = 0   ! HDF5 leaves any number
+      if (status < 0) n = 0   ! HDF5 leaves it undefined
       allocate (character(longest) :: names(n))
       do i = 1, size(names)
          names(i) = ''
@@ -166,7 +166,7 @@ contains
       call new_timeless_list(H5P_GROUP_CREATE_F, properties)
       last = 1
       do while (last < len(path))
-         last = last + index(path(last + 1:)//'/', '/')   ! at a slash, or behind the path
+         last = last + index(path(last + 1:)//'/', '/')   ! next slash, or one after the path
          if (last < len(path)) then
             if (self%has(path(:last - 1))) cycle
          end if
@@ -177,7 +177,7 @@ contains
       call conclude(self%path//': '//path//': cannot be made', error)
    end subroutine make_group
 
-   !> Creates the properties of objects that do not note the time: the same run gives the same
+   !> Creates a property list of objects without time stamps, so that the same run writes the same
    !> bytes.
    subroutine new_timeless_list(class, properties)
       integer(hid_t), intent(in) :: class
@@ -188,9 +188,9 @@ contains
       call h5pset_obj_track_times_f(properties, .false., status)
    end subroutine new_timeless_list
 
-   !> Creates the access properties: format of HDF5 1.10, whose metadata have checksums; closing a
-   !> file closes everything in it. HDF5's own file locks, which some network file systems refuse,
-   !> are off: outputs have a lock of their own.
+   !> Creates the access property list: the format of HDF5 1.10, whose metadata have checksums;
+   !> closing a file closes all objects in it; no file locks of HDF5's own, which some network file
+   !> systems refuse: io_lock locks outputs.
    subroutine new_access_list(access)
       integer(hid_t), intent(out) :: access
       integer :: status
@@ -201,8 +201,7 @@ contains
       status = c_set_file_locking(access, .false._c_bool, .true._c_bool)
    end subroutine new_access_list
 
-   !> Starts the HDF5 library, once in a process, and silences its own messages: statuses are
-   !> checked.
+   !> Starts the HDF5 library, once in a process, and redirects its messages to io_hdf5_outcome.
    subroutine start_library()
       integer :: status
 

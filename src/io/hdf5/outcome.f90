@@ -1,8 +1,8 @@
-!> The first failure of HDF5 since the last look, in HDF5's own words or the system's.
+!> Failures of HDF5 as errors. A handler keeps the reason of the first failed call; after a series
+!> of calls `conclude` raises an error with it.
 !>
-!> HDF5 itself reports every call that fails, so the statuses that its Fortran procedures hand back
-!> are not looked at one by one: after a series of calls stands `conclude`. After the first failure
-!> HDF5 refuses what depends on it by itself.
+!> So the status of each call need not be checked: after a failure HDF5 itself refuses the calls
+!> that depend on the failed one.
 module io_hdf5_outcome
    use, intrinsic :: iso_c_binding, only: c_associated, c_funloc, c_funptr, c_int, c_int64_t, &
                                                                              c_null_ptr, c_ptr
@@ -12,9 +12,9 @@ module io_hdf5_outcome
    private
    public :: conclude, forget_failure, listen_to_failures, note_failure
 
-   character(:), allocatable :: reason   !! allocated after a failure
+   character(:), allocatable :: reason   !! reason of the first failure; unallocated: none
 
-   !> H5E_error2_t: one entry of HDF5's stack of reasons.
+   !> H5E_error2_t: one entry of HDF5's error stack.
    type, bind(c) :: entry_type
       integer(c_int64_t) :: class, major, minor
       integer(c_int) :: line
@@ -42,7 +42,7 @@ module io_hdf5_outcome
 
 contains
 
-   !> Lets HDF5 report its failures here instead of printing them.
+   !> Makes HDF5 call `report` at each failure instead of printing.
    subroutine listen_to_failures()
       integer(c_int64_t), parameter :: default_stack = 0
       integer(c_int) :: status
@@ -50,8 +50,8 @@ contains
       status = c_set_auto(default_stack, c_funloc(report), c_null_ptr)
    end subroutine listen_to_failures
 
-   !> Keeps the first failure when HDF5 calls: the system's words where the system refused, else
-   !> what the innermost function of HDF5 says.
+   !> Keeps the reason of the first failure: the system's error message if there is one, else the
+   !> description by HDF5's innermost function. HDF5 calls it.
    function report(stack, client) result(status) bind(c)
       integer(c_int64_t), value :: stack
       type(c_ptr), value :: client
@@ -72,7 +72,7 @@ contains
       if (reason == '') reason = 'HDF5 gives no reason'
    end function report
 
-   !> Takes the description of the innermost function.
+   !> Keeps the description by the innermost function. HDF5 calls it for each entry of its stack.
    function visit(depth, entry, client) result(status) bind(c)
       integer(c_int), value :: depth
       type(entry_type), intent(in) :: entry
@@ -81,22 +81,22 @@ contains
 
       if (depth == 0 .and. c_associated(entry%description)) reason = text_at(entry%description)
       status = 0
-      if (c_associated(client)) status = -1   ! there is none
+      if (c_associated(client)) status = -1   ! never: no client is set
    end function visit
 
-   !> Notes a failure that HDF5 does not see.
+   !> Keeps the reason of a failure that is not HDF5's.
    subroutine note_failure(text)
       character(*), intent(in) :: text
 
       if (.not. allocated(reason)) reason = text
    end subroutine note_failure
 
-   !> Forgets a failure that is an answer: there is no such object.
+   !> Forgets a failure that only means that there is no such object.
    subroutine forget_failure()
       if (allocated(reason)) deallocate (reason)
    end subroutine forget_failure
 
-   !> Raises an error where any call has failed since the last look.
+   !> Raises an error if any call has failed since the last `conclude`, and forgets the failure.
    subroutine conclude(message, error)
       character(*), intent(in) :: message
       type(error_type), allocatable, intent(out) :: error
