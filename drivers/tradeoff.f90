@@ -13,7 +13,7 @@ module driver_tradeoff
    use driver_processes, only: solve_processes
    use driver_provenance, only: begin_results
    use driver_tradeoff_text, only: components_text, fits_text, orders_text, settings_text, &
-      sizes_text, spectra_text, variants_text, wanted_text
+                                   sizes_text, spectra_text, variants_text, wanted_text
    use driver_trial_runs, only: measure_settings
    use io_hdf5, only: hdf5_file
    use io_results, only: finish_results
@@ -22,7 +22,7 @@ module driver_tradeoff
    use parallel_world, only: start_world, world_type
    use process_model, only: process_model_type
    use tradeoff_effects, only: variant_rows_of
-   use tradeoff_front, only: components_of, rows_of, size_rows_of, spectrum_rows_of
+   use tradeoff_front, only: components_of, setting_rows_of, size_rows_of, spectrum_rows_of
    use tradeoff_tasks, only: scope_type
    use tradeoff_variants, only: compare_orders, list_variants
    implicit none(type, external)
@@ -93,10 +93,10 @@ contains
       call measure_settings(world, plan, force, scope, is_quiet, found%tradeoff, is_stopped, &
                             error)
       if (is_stopped .or. allocated(error)) return
-      found%settings = rows_of(found%tradeoff)
+      found%settings = setting_rows_of(found%tradeoff)
       found%spectra = spectrum_rows_of(found%tradeoff)
       found%errors = components_of(found%tradeoff, found%settings(found%tradeoff%own), &
-                             plan%integration%n_steps - plan%integration%n_discard)
+                                   plan%integration%n_steps - plan%integration%n_discard)
       found%sizes = size_rows_of(plan, found%tradeoff, found%settings(found%tradeoff%own), &
                                  found%errors)
       found%variants = variant_rows_of(found%tradeoff)

@@ -7,8 +7,8 @@ module driver_tradeoff_text
    use numerics_sorting, only: sort_order
    use process_model, only: process_model_type
    use tradeoff_effects, only: variant_row
-   use tradeoff_front, only: error_components, is_random, keeps, sample_steps, setting_row, &
-      size_row, spectrum_row
+   use tradeoff_front, only: error_components, has_drawn_friction, meets_targets, sample_steps, &
+                             setting_row, size_row, spectrum_row
    use tradeoff_settings, only: setting_dt, setting_type
    use tradeoff_task_results, only: band_ratio, psd_mean, psd_percentiles, slip, slip_std
    use tradeoff_tasks, only: tradeoff_type
@@ -124,11 +124,11 @@ contains
          if (points > 0.0_wp) wanted = 'slip to '//brief(points)//' points'
          if (points > 0.0_wp .and. ratio > 0.0_wp) wanted = wanted//', '
          if (ratio > 0.0_wp) wanted = wanted//'band ratios to '//brief(100*ratio)//' %'
-         if (.not. any(keeps(rows, points, ratio))) then
+         if (.not. any(meets_targets(rows, points, ratio))) then
             line = labelled('cheapest', wanted//': no setting that was measured')
             return
          end if
-         best = minloc(rows%cost, 1, mask=keeps(rows, points, ratio))
+         best = minloc(rows%cost, 1, mask=meets_targets(rows, points, ratio))
          line = labelled('cheapest', wanted//': '// &
                          setting_text(rows(best)%setting, plan%integration%dt)//' ('// &
                          run_time(plan, rows(best), n_ranks)//')')
@@ -149,7 +149,7 @@ contains
       text = 'error now        slip [points] its std  spectrum [%] percentiles [%]  bands [%]'// &
              line_feed//component_text(plan, 'discretisation', errors%discretisation)// &
              component_text(plan, 'time average', errors%time)
-      if (is_random(plan)) text = text//component_text(plan, 'Monte Carlo', errors%samples)
+      if (has_drawn_friction(plan)) text = text//component_text(plan, 'Monte Carlo', errors%samples)
       now = run_time(plan, rows(own), n_ranks)
       parts = [errors%discretisation(slip), errors%time(slip), errors%samples(slip)]
       if (.not. maxval(parts) > 0.0_wp) then
@@ -178,7 +178,7 @@ contains
 
          words = ''
          if (plan%excitation%per_sample .or. plan%excitation%kind == 'file') return
-         if (.not. is_random(plan) .or. maxval(plan%cases%n_samples) < 4) return
+         if (.not. has_drawn_friction(plan) .or. maxval(plan%cases%n_samples) < 4) return
          words = 'excitation%per_sample = .true. ('//brief(parts(2)/sqrt(real( &
                  maxval(plan%cases%n_samples), wp)))//' points are left), or '
       end function own_records
@@ -193,11 +193,11 @@ contains
       pure function halved() result(words)
          character(:), allocatable :: words
 
-         if (.not. any(keeps(rows, 0.5_wp*parts(1), 0.0_wp))) then
+         if (.not. any(meets_targets(rows, 0.5_wp*parts(1), 0.0_wp))) then
             words = 'no setting that was measured'
             return
          end if
-         associate (best => minloc(rows%cost, 1, mask=keeps(rows, 0.5_wp*parts(1), 0.0_wp)))
+         associate (best => minloc(rows%cost, 1, mask=meets_targets(rows, 0.5_wp*parts(1), 0.0_wp)))
             words = setting_text(rows(best)%setting, plan%integration%dt)//', '// &
                     run_time(plan, rows(best), n_ranks)//' instead of '//now
          end associate

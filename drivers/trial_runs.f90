@@ -20,7 +20,7 @@ module driver_trial_runs
    use io_progress, only: progress_type
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: stop_world, world_type
-   use tradeoff_front, only: best, keeps, rows_of, setting_row
+   use tradeoff_front, only: meets_targets, nearest_to_targets, setting_row, setting_rows_of
    use tradeoff_marches, only: run_task
    use tradeoff_pilot, only: choose_every
    use tradeoff_settings, only: use_setting
@@ -104,13 +104,13 @@ contains
       end do
       call counter%close()
       call progress%finish()
-      cost = tradeoff%found%cost   ! zero, as the samples are, where another rank has the task
+      cost = tradeoff%results%cost   ! zero, as the samples are, where another rank has the task
       call world%add_up(n, cost)
-      tradeoff%found%cost = cost
+      tradeoff%results%cost = cost
       do i = 1, n
          owner(i) = world%maximum(owner(i))
          if (owner(i) < 0) cycle
-         associate (found => tradeoff%found(i))
+         associate (found => tradeoff%results(i))
             found%n_samples = world%maximum(found%n_samples)
             call world%broadcast(found%errors, owner(i))
             call world%broadcast(found%value, owner(i))
@@ -143,11 +143,11 @@ contains
                                measured, is_stopped, error)
          call world%stop_on(error)
          if (is_stopped) call stop_world(exit_stopped)
-         rows = rows_of(measured)
-         if (.not. any(keeps(rows, points, ratio))) &
-            call refuse(points, ratio, rows(best(rows, points, ratio)), plan, error)
+         rows = setting_rows_of(measured)
+         if (.not. any(meets_targets(rows, points, ratio))) &
+            call refuse(points, ratio, rows(nearest_to_targets(rows, points, ratio)), plan, error)
          call world%stop_on(error)
-         chosen = minloc(rows%work, 1, mask=keeps(rows, points, ratio))
+         chosen = minloc(rows%work, 1, mask=meets_targets(rows, points, ratio))
       end associate
       call use_setting(rows(chosen)%setting, scene%integration)
       call use_setting(rows(chosen)%setting, plan%integration)
@@ -165,7 +165,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       character(:), allocatable :: target, reached
 
-      if (.not. keeps(nearest, points, 0.0_wp)) then
+      if (.not. meets_targets(nearest, points, 0.0_wp)) then
          target = 'accuracy%target_slip_points = '//to_text(points)
          reached = brief(nearest%surely(slip))//' points'
       else

@@ -1,7 +1,7 @@
-!> Gain of the scene's estimator on a few samples of a case: the standard errors of plain sampling
-!> over those of the regression, by which the errors of the campaign are foretold.
+!> Computes the gain of a regression on some samples of a case: standard errors of plain sampling
+!> over those of the regression. Forecasts of the campaign's errors use it.
 !>
-!> The case is taken by itself; pooled with others it gains more.
+!> The regression uses the samples of this case alone; pooled with other cases it gains more.
 module tradeoff_estimators
    use campaign_plan, only: plan_type
    use campaign_pooling, only: draw_law, fewest_samples, find_points
@@ -19,20 +19,21 @@ module tradeoff_estimators
    private
    public :: find_gains
 
-   integer, parameter :: enough_draws = 2**14   !! of the law
-   integer, parameter :: most_looked_at = 8     !! joints or dofs; the others gain as the least
+   integer, parameter :: most_draws = 2**14    !! draws of the law of the friction
+   !> Joints or dofs with a regression; the others are given the smallest gain of these.
+   integer, parameter :: most_examined = 8
 
 contains
 
-   !> Finds the gain of each published number; those of spectra are the least of all dofs. It stays
-   !> 1 where there is none.
+   !> Computes the gain of each published number; for spectra the smallest over the dofs. A gain
+   !> that is not computed keeps its value, 1.
    subroutine find_gains(plan, model, friction, result, statistics, has_bands, gain, error)
       type(plan_type), intent(in) :: plan
-      type(process_model_type), intent(in) :: model   !! of the case
+      type(process_model_type), intent(in) :: model   !! process of the case
       real(wp), intent(in) :: friction(:, :)          !! (joint, sample)
-      type(block_result), intent(in) :: result        !! of the same samples
+      type(block_result), intent(in) :: result        !! results of the same samples
       type(case_statistics), intent(in) :: statistics   !! plain sampling's
-      logical, intent(in) :: has_bands                !! wanted
+      logical, intent(in) :: has_bands                !! computes the gains of spectra too
       real(wp), intent(inout) :: gain(:, :)           !! (joint or dof, published number)
       type(error_type), allocatable, intent(out) :: error
       type(pool_type) :: pool
@@ -44,13 +45,15 @@ contains
       call find_points(plan%structure, points, joints)
       call new_pool(transpose(friction(joints, :)), [1, result%n_samples + 1], &
                     [result%n_samples], pool)
-      call draw_law(plan%seed, model, points, draws, n_independent, enough_draws)
+      call draw_law(plan%seed, model, points, draws, n_independent, most_draws)
       call pool%add_law(1, draws, n_independent)
       call gains_of_slip(pool, result%slip_fraction, statistics%numbers, gain, error)
       if (allocated(error) .or. .not. (plan%output%spectrum .and. has_bands)) return
       call gains_of_bands(plan, pool, result%psd, statistics%psd, gain, error)
    end subroutine find_gains
 
+   !> Computes the gains of the mean and the standard deviation of slip fractions. Examines the
+   !> joints with the largest standard deviations.
    subroutine gains_of_slip(pool, slip_fraction, statistics, gain, error)
       type(pool_type), intent(in) :: pool
       real(wp), intent(in) :: slip_fraction(:, :)   !! (joint, sample)
@@ -68,7 +71,7 @@ contains
       least = huge(1.0_wp)
       do i = 1, size(ranking)
          joint = ranking(i)
-         if (i <= most_looked_at .and. scatter(joint) > 0.0_wp) then
+         if (i <= most_examined .and. scatter(joint) > 0.0_wp) then
             plain(1, :, 1) = statistics(joint, [1, size(statistics, 2)])
             call estimate_scalars(pool, reshape(slip_fraction(joint, :), &
                                                 [size(slip_fraction, 2), 1]), &
@@ -82,6 +85,7 @@ contains
       end do
    end subroutine gains_of_slip
 
+   !> Computes the gains of spectra and of band ratios. The examined dofs are evenly spaced.
    subroutine gains_of_bands(plan, pool, psd, statistics, gain, error)
       type(plan_type), intent(in) :: plan
       type(pool_type), intent(in) :: pool
@@ -91,17 +95,17 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(statistic_type) :: best(size(psd, 2), size(statistics, 3), 1), &
                               integrals(size(statistics, 3) + 1, 1)
-      real(wp) :: of_mean, of_percentiles
-      logical :: is_looked_at(size(psd, 1))
+      real(wp) :: mean_gain, percentile_gain   ! smallest so far
+      logical :: is_examined(size(psd, 1))
       integer :: dof, i, n, s
 
-      is_looked_at = .false.
-      of_mean = huge(1.0_wp)
-      of_percentiles = huge(1.0_wp)
-      n = min(most_looked_at, size(psd, 1))
+      is_examined = .false.
+      mean_gain = huge(1.0_wp)
+      percentile_gain = huge(1.0_wp)
+      n = min(most_examined, size(psd, 1))
       do i = 1, n
          dof = 1 + ((i - 1)*size(psd, 1))/n
-         is_looked_at(dof) = .true.
+         is_examined(dof) = .true.
          if (.not. maxval(psd(dof, :, :)) > 0.0_wp) cycle
          call estimate_spectrum(pool, transpose(psd(dof, :, :)), &
                                 1.0_wp/(plan%output%segment_length*plan%integration%dt), &
@@ -110,22 +114,22 @@ contains
          if (allocated(error)) return
          gain(dof, band_ratio) = max(1.0_wp, integrals(size(integrals, 1), 1)%ratio)
          associate (mean => best(:, 1, 1))
-            of_mean = min(of_mean, sum(mean%error*mean%ratio)/sum(mean%error))
+            mean_gain = min(mean_gain, sum(mean%error*mean%ratio)/sum(mean%error))
          end associate
          do s = 2, size(best, 2)
             associate (percentile => best(:, s, 1))
-               of_percentiles = min(of_percentiles, &
-                                    sum((percentile%high - percentile%low)*percentile%ratio) &
-                                    /sum(percentile%high - percentile%low))
+               percentile_gain = min(percentile_gain, &
+                                     sum((percentile%high - percentile%low)*percentile%ratio) &
+                                     /sum(percentile%high - percentile%low))
             end associate
          end do
       end do
-      if (of_mean < huge(1.0_wp)) then
-         gain(:, psd_mean) = max(1.0_wp, of_mean)
-         gain(:, psd_percentiles) = max(1.0_wp, of_percentiles)
+      if (mean_gain < huge(1.0_wp)) then
+         gain(:, psd_mean) = max(1.0_wp, mean_gain)
+         gain(:, psd_percentiles) = max(1.0_wp, percentile_gain)
       end if
-      associate (of_dofs => gain(:size(psd, 1), band_ratio))
-         where (.not. is_looked_at) of_dofs = minval(of_dofs, mask=is_looked_at)
+      associate (ratio_gain => gain(:size(psd, 1), band_ratio))   ! (dof)
+         where (.not. is_examined) ratio_gain = minval(ratio_gain, mask=is_examined)
       end associate
    end subroutine gains_of_bands
 

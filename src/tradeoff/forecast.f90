@@ -1,12 +1,13 @@
-!> Cost of a scene before anything is run: a sample-step's is measured, the regressions' counted.
+!> Forecasts the processor time of a scene: the cost of a sample-step is measured, that of the
+!> regressions is computed from counts.
 !>
-!> Samples of all cases are marched for a moment under a short record of their force, as the
-!> campaign will march them: as many side by side, what is kept kept, spectra of as many steps. The
-!> friction is a stand-in of the right mean and scatter, so no process need be fitted.
+!> The measurement marches samples of all cases for some steps as the campaign will: blocks of the
+!> same width, the same kept results, spectra of the same steps. The friction values are
+!> independent, with the mean and standard deviation of their process: no process is fitted for it.
 !>
-!> Counts of the regressions are those that grow with the samples, the friction values, the
-!> frequencies and the cases; what each costs was measured on the paper's chain (25 to 400 samples a
-!> case), 20 and 50 masses and a ring of blades.
+!> The counts of a regression are those that grow with the samples, the friction values, the
+!> frequencies and the cases. The times below were measured on the paper's chain (25 to 400 samples
+!> a case), on chains of 20 and 50 masses and on a ring of blades.
 module tradeoff_forecast
    use campaign_plan, only: add_audits, kept_dofs, kept_of, plan_type, reference_for
    use campaign_pooling, only: case_pool, find_points, find_pools
@@ -25,34 +26,24 @@ module tradeoff_forecast
    private
    public :: cost_type, measure_cost, regression_seconds
 
-   real(wp), parameter :: budget = 0.4_wp            !! expected cost of a measurement [s]
-   real(wp), parameter :: some_transitions = 0.3_wp  !! in a step
-   real(wp), parameter :: history_memory = 32.0e6_wp !! [byte] of a block
+   real(wp), parameter :: budget = 0.4_wp             !! expected processor time of the marches [s]
+   real(wp), parameter :: assumed_transitions = 0.3_wp  !! transitions of a sample in a step
+   real(wp), parameter :: history_memory = 32.0e6_wp  !! histories of a block [byte]
    integer, parameter :: fewest_steps = 1200
 
-   real(wp), parameter :: of_fit = 3.0e6_wp       !! [ns] of a kernel's choice
-   real(wp), parameter :: of_pair = 100.0_wp      !! [ns] of a sample and a landmark: features
-   real(wp), parameter :: of_kernel = 1.15_wp     !! [ns] of a point, a landmark and an input
-   real(wp), parameter :: further_inputs = 5.4_wp !! that the rest of a kernel is worth
-   real(wp), parameter :: of_polynomials = 2.0_wp !! [ns] of a point and two inputs
-   real(wp), parameter :: of_density = 140.0_wp   !! [ns] of a sample and a frequency
-   real(wp), parameter :: of_product = 0.056_wp   !! [ns] of a point, a landmark and a frequency
-   real(wp), parameter :: of_mean = 9.0_wp        !! [ns] of a point and a frequency
-   real(wp), parameter :: of_percentile = 12.0_wp !! [ns] of a point and a frequency
-
-   !> Measured cost, spectra and other kept results included: the mean over all samples.
+   !> Measured processor time, a mean over all samples. Includes spectra and other kept results.
    type :: cost_type
-      real(wp) :: nanoseconds = 0.0_wp         !! of a processor for a sample-step
-      real(wp) :: audit_nanoseconds = 0.0_wp   !! the same of an audit; 0: none
-      real(wp) :: transitions = 0.0_wp         !! of a sample in a step, all masses
-      real(wp) :: share_powerful = 0.0_wp      !! of the frequencies: those that have the power
-      integer :: n_steps = 0                   !! that were marched; 0: nothing was measured
-      character(:), allocatable :: form        !! of the exact march, in words
+      real(wp) :: nanoseconds = 0.0_wp         !! time of a sample-step [ns]
+      real(wp) :: audit_nanoseconds = 0.0_wp   !! time of a sample-step of an audit; 0: no audit
+      real(wp) :: transitions = 0.0_wp         !! transitions of a sample in a step, all joints
+      real(wp) :: share_powerful = 0.0_wp      !! share of the frequencies that have the power
+      integer :: n_steps = 0                   !! steps that were marched; 0: nothing was measured
+      character(:), allocatable :: form        !! form of the exact march, in words
    end type cost_type
 
 contains
 
-   !> Marches a block of every level of force.
+   !> Marches a block at every force level and measures its cost.
    subroutine measure_cost(plan, file_force, cost, error)
       type(plan_type), intent(in) :: plan          !! without audits
       real(wp), intent(in) :: file_force(0:, :)    !! (step, 1 or sample) [N]; else of size 0
@@ -91,31 +82,31 @@ contains
       end do
    end subroutine measure_cost
 
-   !> Steps that the budget allows.
+   !> Number of steps that the budget and the memory of histories allow.
    pure integer function steps_for(plan, n_samples, own)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: n_samples(:)     !! (level)
-      type(setting_type), intent(in) :: own   !! the scene's, counted
+      type(setting_type), intent(in) :: own   !! setting of the scene, with its counted work
       real(wp) :: most
 
       most = 1.0e9_wp*budget/sum(n_samples*expected_cost(own, plan%structure%n_dof, n_samples, &
-                                                         some_transitions))
+                                                         assumed_transitions))
       if (plan%output%history) &
          most = min(most, history_memory/(16.0_wp*size(kept_dofs(plan))*sum(n_samples)))
       steps_for = min(plan%integration%n_steps, max(fewest_steps, int(min(most, 1.0e9_wp))))
    end function steps_for
 
-   !> Times one level of force by the scene's method and by that of audits, whose blocks are
-   !> narrower, and adds its share of the cost.
+   !> Times the march of one force level by the scene's method and by that of audits, whose blocks
+   !> are narrower. Adds its share of the cost.
    subroutine time_level(plan, like, level, share, cost, error)
-      type(plan_type), intent(in) :: plan     !! short
-      type(runner_type), intent(in) :: like   !! of all levels
+      type(plan_type), intent(in) :: plan     !! plan of the short march
+      type(runner_type), intent(in) :: like   !! runner whose marchers are used
       type(level_type), intent(in) :: level
-      real(wp), intent(in) :: share           !! of all samples
+      real(wp), intent(in) :: share           !! share of all samples that is at this level
       type(cost_type), intent(inout) :: cost
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: audit
-      type(runner_type) :: of_audit
+      type(runner_type) :: audit_runner
       type(level_type) :: audited
       type(block_result) :: result
       real(wp) :: nanoseconds
@@ -137,18 +128,18 @@ contains
       audit = plan
       audit%integration = reference_for(plan%integration)
       audit%output = kept_of(plan, size(plan%cases))
-      of_audit%marcher = like%reference
-      call time_march(audit, of_audit, audited, result, nanoseconds, error)
+      audit_runner%marcher = like%reference
+      call time_march(audit, audit_runner, audited, result, nanoseconds, error)
       cost%audit_nanoseconds = cost%audit_nanoseconds + share*nanoseconds
    end subroutine time_level
 
-   !> Times a march: the lesser time of two.
+   !> Times a march twice and keeps the shorter time.
    subroutine time_march(plan, like, level, result, nanoseconds, error)
       type(plan_type), intent(in) :: plan
       type(runner_type), intent(in) :: like
       type(level_type), intent(in) :: level
       type(block_result), intent(out) :: result
-      real(wp), intent(out) :: nanoseconds   !! of a processor for a sample-step
+      real(wp), intent(out) :: nanoseconds   !! processor time of a sample-step
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: again
 
@@ -158,13 +149,24 @@ contains
       nanoseconds = min(nanoseconds, again)
    end subroutine time_march
 
-   !> Time [s of a processor] of all pools' regressions.
+   !> Processor time of the regressions of all pools [s].
    pure real(wp) function regression_seconds(plan, share_powerful)
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: share_powerful      !! of the frequencies: those that are fitted
+      real(wp), intent(in) :: share_powerful   !! share of the frequencies that are fitted
+      ! measured times [ns] of an output (joint or dof) ...
+      real(wp), parameter :: fit_time = 3.0e6_wp       ! choice of a kernel
+      real(wp), parameter :: feature_time = 100.0_wp   ! per sample and landmark
+      real(wp), parameter :: kernel_time = 1.15_wp     ! per point, landmark and input
+      real(wp), parameter :: further_inputs = 5.4_wp   ! inputs that cost as much as the rest of it
+      real(wp), parameter :: polynomial_time = 2.0_wp  ! per point and two inputs
+      ! ... and of an output and a frequency
+      real(wp), parameter :: density_time = 140.0_wp   ! per sample
+      real(wp), parameter :: product_time = 0.056_wp   ! per point and landmark
+      real(wp), parameter :: mean_time = 9.0_wp        ! per point
+      real(wp), parameter :: percentile_time = 12.0_wp ! per point and percentile
       type(case_pool), allocatable :: pools(:)
       integer, allocatable :: joints(:), points(:)
-      real(wp) :: at_points, n, n_dofs, n_f, n_landmarks, nanoseconds
+      real(wp) :: n, n_dofs, n_f, n_landmarks, n_predicted, nanoseconds
       integer :: p
 
       pools = find_pools(plan)
@@ -176,14 +178,14 @@ contains
       do p = 1, size(pools)
          n = sum(pools(p)%n_fitted)
          n_landmarks = min(n, real(most_landmarks, wp))
-         at_points = real(n_points, wp)*size(pools(p)%cases)
+         n_predicted = real(n_points, wp)*size(pools(p)%cases)
          nanoseconds = nanoseconds + (plan%structure%n_joints + n_dofs) &
-                       *(of_fit + of_pair*n*n_landmarks &
-                         + at_points*(of_kernel*n_landmarks*(size(points) + further_inputs) &
-                                      + of_polynomials*size(points)**2)) &
-                       + n_dofs*n_f*share_powerful*(of_density*n + at_points &
-                                     *(of_mean + of_percentile*size(plan%output%percentiles) &
-                                       + of_product*n_landmarks))
+                       *(fit_time + feature_time*n*n_landmarks &
+                         + n_predicted*(kernel_time*n_landmarks*(size(points) + further_inputs) &
+                                        + polynomial_time*size(points)**2)) &
+                       + n_dofs*n_f*share_powerful*(density_time*n + n_predicted &
+                                     *(mean_time + percentile_time*size(plan%output%percentiles) &
+                                       + product_time*n_landmarks))
       end do
       regression_seconds = 1.0e-9_wp*nanoseconds
    end function regression_seconds

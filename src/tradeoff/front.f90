@@ -1,5 +1,5 @@
-!> From measured tasks to what a user decides by: the error and cost of every setting, the settings
-!> that no other beats in both, the cheapest for a wanted error, and the error's components.
+!> Evaluates the trial marches: error and cost of every setting, the Pareto front of both, the
+!> components of the scene's error, and the errors with other numbers of samples and steps.
 module tradeoff_front
    use campaign_plan, only: plan_type
    use campaign_samples_needed, only: error_with, law_share, slip_error
@@ -9,55 +9,55 @@ module tradeoff_front
    use tradeoff_settings, only: expected_cost, setting_type
    use tradeoff_task_results, only: band_ratio, n_published, psd_mean, psd_percentiles, slip, &
                                     slip_std, task_result
-   use tradeoff_tasks, only: of_batch, of_samples, of_setting, of_spectrum, tradeoff_type
+   use tradeoff_tasks, only: batch_task, samples_task, setting_task, spectrum_task, tradeoff_type
    implicit none(type, external)
    private
    public :: error_components, setting_row, size_row, spectrum_row
-   public :: rows_of, size_rows_of, slip_error_to_come, spectrum_rows_of, components_of, best, &
-             is_random, keeps, sample_steps
+   public :: components_of, has_drawn_friction, meets_targets, nearest_to_targets, sample_steps, &
+             setting_rows_of, size_rows_of, slip_error_to_come, spectrum_rows_of
 
-   !> A setting measured.
+   !> Measured setting.
    type :: setting_row
       type(setting_type) :: setting
-      real(wp) :: error(n_published) = 0.0_wp    !! as task_result has them, of all levels
-      real(wp) :: surely(n_published) = 0.0_wp   !! with twice its standard error
-      real(wp) :: cost = 0.0_wp               !! [ns of a processor] of a sample-step of the scene
-      real(wp) :: work = 0.0_wp               !! the same as expected from counted work
-      logical :: is_on_front = .false.        !! nothing cheaper has a smaller error of slip
-      logical :: is_own = .false.             !! the scene's
+      real(wp) :: error(n_published) = 0.0_wp    !! largest error over the levels, as in task_result
+      real(wp) :: surely(n_published) = 0.0_wp   !! error plus twice its standard error
+      real(wp) :: cost = 0.0_wp               !! processor time of a sample-step of the scene [ns]
+      real(wp) :: work = 0.0_wp               !! expected_cost of a sample-step of the scene [ns]
+      logical :: is_on_front = .false.        !! no cheaper setting has a smaller error of slip
+      logical :: is_own = .false.             !! setting of the scene
    end type setting_row
 
-   !> A way to form spectra.
+   !> Measured pair of spectrum_every and segment_length.
    type :: spectrum_row
       integer :: every = 1
-      integer :: segment_length = 0         !! [steps]
-      real(wp) :: cost = 0.0_wp             !! [ns] of a sample-step, march included
-      real(wp) :: band_ratio = 0.0_wp       !! largest relative change, from every step's
+      integer :: segment_length = 0         !! [step]
+      real(wp) :: cost = 0.0_wp             !! processor time of a sample-step, march included [ns]
+      real(wp) :: band_ratio = 0.0_wp       !! largest relative change against the first row
    end type spectrum_row
 
-   !> The whole error that other numbers of samples and steps would leave.
+   !> Total error with other numbers of samples and steps.
    type :: size_row
       integer :: n_samples = 0
       integer(long) :: n_steps = 0
-      real(wp) :: error(n_published) = 0.0_wp   !! as task_result has them
-      real(wp) :: seconds = 0.0_wp              !! of a processor
+      real(wp) :: error(n_published) = 0.0_wp
+      real(wp) :: seconds = 0.0_wp              !! processor time
    end type size_row
 
-   !> Parts of the error that the scene has now.
+   !> Components of the error of the scene's results.
    type :: error_components
-      real(wp) :: discretisation(n_published) = 0.0_wp
-      real(wp) :: time(n_published) = 0.0_wp      !! n_steps are finite
-      real(wp) :: samples(n_published) = 0.0_wp   !! n_samples are finite: of the scene's estimator
-      real(wp) :: times_to_halve = 4.0_wp         !! as many samples halve that of slip
-      !> time-average error of slip of one sample [points] where each has its own record, as the
-      !> scatter over samples of a short march holds it too; else 0
+      real(wp) :: discretisation(n_published) = 0.0_wp   !! numerical error
+      real(wp) :: time(n_published) = 0.0_wp      !! time-average error
+      real(wp) :: samples(n_published) = 0.0_wp   !! Monte Carlo error of the scene's estimator
+      real(wp) :: times_to_halve = 4.0_wp         !! factor on n_samples that halves samples(slip)
+      !> time-average error of the slip fraction of one sample [points] if each has its own record
+      !> (the scatter over samples of a short march contains it); else 0
       real(wp) :: noise = 0.0_wp
    end type error_components
 
 contains
 
-   !> The rows of all settings, in their order.
-   pure function rows_of(tradeoff) result(rows)
+   !> Rows of all settings, in their order.
+   pure function setting_rows_of(tradeoff) result(rows)
       type(tradeoff_type), intent(in) :: tradeoff
       type(setting_row), allocatable :: rows(:)
       real(wp) :: share(size(tradeoff%levels))
@@ -71,23 +71,23 @@ contains
          rows(i)%setting = tradeoff%settings(i)
          rows(i)%is_own = i == tradeoff%own
          rows(i)%work = sum(share*[(expected_cost(rows(i)%setting, tradeoff%plan%structure%n_dof, &
-                                                 size(tradeoff%levels(k)%sample), &
-                                                 tradeoff%transitions(k)), k=1, size(share))])
+                                                  size(tradeoff%levels(k)%sample), &
+                                                  tradeoff%transitions(k)), k=1, size(share))])
       end do
       do i = 1, size(tradeoff%tasks)
          associate (task => tradeoff%tasks(i))
-            if (task%kind /= of_setting) cycle
-            rows(task%row)%cost = rows(task%row)%cost + share(task%level)*tradeoff%found(i)%cost
-            rows(task%row)%error = max(rows(task%row)%error, tradeoff%found(i)%errors(:, 1))
-            rows(task%row)%surely = max(rows(task%row)%surely, tradeoff%found(i)%errors(:, 2))
+            if (task%kind /= setting_task) cycle
+            rows(task%row)%cost = rows(task%row)%cost + share(task%level)*tradeoff%results(i)%cost
+            rows(task%row)%error = max(rows(task%row)%error, tradeoff%results(i)%errors(:, 1))
+            rows(task%row)%surely = max(rows(task%row)%surely, tradeoff%results(i)%errors(:, 2))
          end associate
       end do
       do i = 1, n
          rows(i)%is_on_front = .not. any(beats(rows, rows(i)))
       end do
-   end function rows_of
+   end function setting_rows_of
 
-   !> Not worse in cost and error, and better in one of them.
+   !> True if setting a is not worse than b in cost and error of slip, and better in one of them.
    elemental logical function beats(a, b)
       type(setting_row), intent(in) :: a, b
 
@@ -95,17 +95,17 @@ contains
               (a%cost < b%cost .or. a%error(slip) < b%error(slip))
    end function beats
 
-   !> True if the measured error plus twice its standard error is within what is wanted.
-   elemental logical function keeps(row, slip_points, ratio)
+   !> True if the measured errors plus twice their standard errors meet the targets.
+   elemental logical function meets_targets(row, slip_points, ratio)
       type(setting_row), intent(in) :: row
       real(wp), intent(in) :: slip_points, ratio   !! 0: not wanted
 
-      keeps = (.not. slip_points > 0.0_wp .or. row%surely(slip) <= slip_points) .and. &
-              (.not. ratio > 0.0_wp .or. row%surely(band_ratio) <= ratio)
-   end function keeps
+      meets_targets = (.not. slip_points > 0.0_wp .or. row%surely(slip) <= slip_points) .and. &
+                      (.not. ratio > 0.0_wp .or. row%surely(band_ratio) <= ratio)
+   end function meets_targets
 
-   !> The row that comes nearest to what is wanted.
-   pure function best(rows, slip_points, ratio) result(best_row)
+   !> Number of the row with the smallest ratio of error to target.
+   pure function nearest_to_targets(rows, slip_points, ratio) result(best_row)
       type(setting_row), intent(in) :: rows(:)
       real(wp), intent(in) :: slip_points, ratio   !! 0: not wanted
       integer :: best_row
@@ -115,9 +115,9 @@ contains
       if (slip_points > 0.0_wp) excess = rows%surely(slip)/slip_points
       if (ratio > 0.0_wp) excess = max(excess, rows%surely(band_ratio)/ratio)
       best_row = minloc(excess, 1)
-   end function best
+   end function nearest_to_targets
 
-   !> The ways to form spectra, each compared with the first.
+   !> Rows of all spectra, each compared with the first.
    pure function spectrum_rows_of(tradeoff) result(rows)
       type(tradeoff_type), intent(in) :: tradeoff
       type(spectrum_row), allocatable :: rows(:)
@@ -128,8 +128,8 @@ contains
       rows%every = tradeoff%every
       rows%segment_length = tradeoff%segment_length
       do i = 1, size(tradeoff%tasks)
-         associate (task => tradeoff%tasks(i), found => tradeoff%found(i))
-            if (task%kind /= of_spectrum) cycle
+         associate (task => tradeoff%tasks(i), found => tradeoff%results(i))
+            if (task%kind /= spectrum_task) cycle
             rows(task%row)%cost = rows(task%row)%cost + found%cost/size(ratio, 3)
             ratio(:, task%row, task%level) = found%value(:size(ratio, 1), band_ratio)
          end associate
@@ -140,33 +140,33 @@ contains
       end do
    end function spectrum_rows_of
 
-   !> Parts of the error of the scene's results.
+   !> Components of the error of the scene's results.
    pure function components_of(tradeoff, own, n_steps) result(errors)
       type(tradeoff_type), intent(in) :: tradeoff
-      type(setting_row), intent(in) :: own   !! the scene's setting
-      integer, intent(in) :: n_steps         !! of the scene, after those discarded
+      type(setting_row), intent(in) :: own   !! row of the scene's setting
+      integer, intent(in) :: n_steps         !! measured steps of the scene
       type(error_components) :: errors
-      real(wp) :: few, fewer(n_published), many
+      real(wp) :: error(n_published), high, low
       integer :: i
 
       errors%discretisation = own%error
-      call add_time_averages(tradeoff, n_steps, errors)
-      errors%samples = error_of_samples(tradeoff, errors, 1.0_wp)
-      few = 1.0_wp
-      many = 4.0_wp   ! plain sampling; no estimator falls more slowly
+      call add_time_average_errors(tradeoff, n_steps, errors)
+      errors%samples = monte_carlo_error(tradeoff, errors, 1.0_wp)
+      low = 1.0_wp    ! bisection for the factor on n_samples, on a logarithmic scale
+      high = 4.0_wp   ! plain sampling's; no estimator needs more
       do i = 1, 12
-         fewer = error_of_samples(tradeoff, errors, sqrt(few*many))
-         if (fewer(slip) > 0.5_wp*errors%samples(slip)) then
-            few = sqrt(few*many)
+         error = monte_carlo_error(tradeoff, errors, sqrt(low*high))
+         if (error(slip) > 0.5_wp*errors%samples(slip)) then
+            low = sqrt(low*high)
          else
-            many = sqrt(few*many)
+            high = sqrt(low*high)
          end if
       end do
-      errors%times_to_halve = many
+      errors%times_to_halve = high
    end function components_of
 
-   !> Standard errors of mean slip fractions that the scene's results will have, the joints of all
-   !> cases that were looked at in a row.
+   !> Expected standard errors of the mean slip fractions of the scene's results: the joints of all
+   !> measured cases in one list.
    pure function slip_error_to_come(plan, tradeoff) result(error)
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
@@ -177,22 +177,22 @@ contains
       integer :: i, n_steps
 
       n_steps = plan%integration%n_steps - plan%integration%n_discard
-      call add_time_averages(tradeoff, n_steps, errors)
+      call add_time_average_errors(tradeoff, n_steps, errors)
       error%n_samples = maxval(plan%cases%n_samples)
       error%has_own_records = plan%excitation%per_sample
       error%n_cases = maxval(tradeoff%n_cases)
       allocate (error%samples(0), error%ratio(0))
       associate (n => real(error%n_samples, wp))
          do i = 1, size(tradeoff%tasks)
-            if (tradeoff%tasks(i)%kind /= of_samples) cycle
+            if (tradeoff%tasks(i)%kind /= samples_task) cycle
             associate (n_cases => tradeoff%n_cases(tradeoff%cases(tradeoff%tasks(i)%row)))
-               w = tradeoff%found(i)%n_samples
-               call mean_slip_errors(tradeoff%found(i), errors%noise, now, ratio)
+               w = tradeoff%results(i)%n_samples
+               call mean_slip_errors(tradeoff%results(i), errors%noise, now, ratio)
                error%samples = [error%samples, error_with(n, w, now, ratio, 0.0_wp, n_cases)]
                error%ratio = [error%ratio, now*ratio*sqrt(w/n)]   ! plain sampling's error
             end associate
          end do
-         if (error%has_own_records) then   ! samples lower both
+         if (error%has_own_records) then
             error%samples = hypot(error%samples, errors%time(slip))
             error%ratio = hypot(error%ratio, errors%time(slip))
          end if
@@ -204,14 +204,15 @@ contains
       end associate
    end function slip_error_to_come
 
-   !> Adds, from batches, their mean over a march of the scene's length. Where every sample has a
-   !> force of its own, the mean over samples averages their errors too.
-   pure subroutine add_time_averages(tradeoff, n_steps, errors)
+   !> Computes errors%time and errors%noise from the batches, for a march of n_steps. Errors fall as
+   !> n_steps^(-1/2); if every sample has its own force, those of means over samples also fall as
+   !> n_samples^(-1/2).
+   pure subroutine add_time_average_errors(tradeoff, n_steps, errors)
       type(tradeoff_type), intent(in) :: tradeoff
       integer, intent(in) :: n_steps
       type(error_components), intent(inout) :: errors
       real(wp), allocatable :: series(:, :, :)   ! (joint or dof, published number, batch)
-      real(wp) :: shorter
+      real(wp) :: factor
       integer :: i, k, q
 
       associate (structure => tradeoff%plan%structure)
@@ -222,22 +223,22 @@ contains
       do k = 1, size(tradeoff%levels)
          do i = 1, size(tradeoff%tasks)
             associate (task => tradeoff%tasks(i))
-               if (task%kind == of_batch .and. task%level == k) &
-                  series(:, :, task%row) = tradeoff%found(i)%value
+               if (task%kind == batch_task .and. task%level == k) &
+                  series(:, :, task%row) = tradeoff%results(i)%value
             end associate
          end do
          associate (level => tradeoff%levels(k), plan => tradeoff%plan, error => errors%time)
-            shorter = sqrt(real(tradeoff%long%integration%n_steps, wp)/n_steps)
+            factor = sqrt(real(tradeoff%long_plan%integration%n_steps, wp)/n_steps)
             if (plan%excitation%per_sample) &
-               shorter = shorter*sqrt(real(size(level%sample), wp) &
-                                      /maxval(plan%cases(level%case_number)%n_samples))
+               factor = factor*sqrt(real(size(level%sample), wp) &
+                                    /maxval(plan%cases(level%case_number)%n_samples))
             do i = 1, size(series, 1)
                do q = slip, slip_std
-                  error(q) = max(error(q), shorter*error_of_batches(series(i, q, :)))
+                  error(q) = max(error(q), factor*error_of_batches(series(i, q, :)))
                end do
                if (.not. minval(series(i, band_ratio, :)) > 0.0_wp) cycle
                error(band_ratio) = max(error(band_ratio), &
-                                       shorter*error_of_batches(log(series(i, band_ratio, :))))
+                                       factor*error_of_batches(log(series(i, band_ratio, :))))
             end do
          end associate
       end do
@@ -245,23 +246,23 @@ contains
          if (plan%excitation%per_sample) errors%noise = errors%time(slip) &
             *sqrt(maxval(plan%cases%n_samples)*real(n_steps, wp)/plan%integration%n_steps)
       end associate
-   end subroutine add_time_averages
+   end subroutine add_time_average_errors
 
-   !> The component of finite samples with so many times the scene's.
-   pure function error_of_samples(tradeoff, errors, times) result(error)
+   !> Monte Carlo errors with `factor` times the scene's samples.
+   pure function monte_carlo_error(tradeoff, errors, factor) result(error)
       type(tradeoff_type), intent(in) :: tradeoff
-      type(error_components), intent(in) :: errors   !! time averages
-      real(wp), intent(in) :: times
+      type(error_components), intent(in) :: errors   !! with time-average errors
+      real(wp), intent(in) :: factor
       real(wp) :: error(n_published)
       real(wp), allocatable :: now(:), ratio(:)
       integer :: i
 
       error = 0.0_wp
       do i = 1, size(tradeoff%tasks)
-         if (tradeoff%tasks(i)%kind /= of_samples) cycle
-         associate (found => tradeoff%found(i), number => tradeoff%cases(tradeoff%tasks(i)%row))
+         if (tradeoff%tasks(i)%kind /= samples_task) cycle
+         associate (found => tradeoff%results(i), number => tradeoff%cases(tradeoff%tasks(i)%row))
             call mean_slip_errors(found, errors%noise, now, ratio)
-            associate (n => times*tradeoff%plan%cases(number)%n_samples, &
+            associate (n => factor*tradeoff%plan%cases(number)%n_samples, &
                        n_now => real(found%n_samples, wp), n_cases => tradeoff%n_cases(number), &
                        gain => found%gain(:, slip_std:))
                error(slip) = max(error(slip), &
@@ -273,14 +274,14 @@ contains
             end associate
          end associate
       end do
-   end function error_of_samples
+   end function monte_carlo_error
 
-   !> Finds standard errors of mean slip fractions for as many samples as were marched [points]
-   !> without what their own records add, and plain sampling's over them.
+   !> Computes standard errors of mean slip fractions [points], for the marched samples and without
+   !> the part that is due to their own records; and plain sampling's over them.
    pure subroutine mean_slip_errors(found, noise, now, ratio)
-      type(task_result), intent(in) :: found   !! of the samples of a case
-      real(wp), intent(in) :: noise            !! of one sample [points]
-      real(wp), allocatable, intent(out) :: now(:), ratio(:)   !! (joint)
+      type(task_result), intent(in) :: found   !! result of a samples task
+      real(wp), intent(in) :: noise            !! as in error_components
+      real(wp), allocatable, intent(out) :: now(:), ratio(:)   !! (joint) error, ratio
 
       associate (w => real(found%n_samples, wp))
          now = (found%plain_error(:, slip)/found%gain(:, slip))**2 - noise**2/w
@@ -294,13 +295,13 @@ contains
       end where
    end subroutine mean_slip_errors
 
-   !> Quarters and multiples of the scene's samples and steps, by the laws that errors follow:
-   !> the discretisation stays, Monte Carlo falls as the scene's estimator lets it, time averages
-   !> with the root of the steps, and of the samples too where every sample has its own force.
+   !> Total errors with quarters and multiples of the scene's samples and steps. The numerical error
+   !> stays; the Monte Carlo error falls as that of the scene's estimator; the time-average error
+   !> falls as n_steps^(-1/2), and as n_samples^(-1/2) too if every sample has its own force.
    pure function size_rows_of(plan, tradeoff, own, errors) result(rows)
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
-      type(setting_row), intent(in) :: own   !! the scene's setting
+      type(setting_row), intent(in) :: own   !! row of the scene's setting
       type(error_components), intent(in) :: errors
       type(size_row), allocatable :: rows(:)
       real(wp), parameter :: samples(*) = 0.25_wp*[1, 4, 4, 4, 16, 16, 64]
@@ -308,34 +309,34 @@ contains
       integer :: i
 
       rows = [(row(samples(i), steps(i)), i=1, size(samples))]
-      ! samples of one friction under one force are the same
-      rows = pack(rows, is_random(plan) .and. rows%n_samples > 1 .or. &
+      ! without drawn friction all samples are the same
+      rows = pack(rows, has_drawn_friction(plan) .and. rows%n_samples > 1 .or. &
                   abs(samples - 1.0_wp) <= 0.0_wp)
 
    contains
 
-      pure type(size_row) function row(more_samples, more_steps)
-         real(wp), intent(in) :: more_samples, more_steps
-         real(wp) :: of_samples(n_published), of_time
+      pure type(size_row) function row(sample_factor, step_factor)
+         real(wp), intent(in) :: sample_factor, step_factor
+         real(wp) :: time_factor
 
-         of_samples = error_of_samples(tradeoff, errors, more_samples)
-         of_time = more_steps*merge(more_samples, 1.0_wp, plan%excitation%per_sample)
-         row%n_samples = nint(more_samples*maxval(plan%cases%n_samples))
-         row%n_steps = nint(more_steps*plan%integration%n_steps, long)
-         row%error = sqrt(errors%discretisation**2 + errors%time**2/of_time + of_samples**2)
-         row%seconds = 1.0e-9_wp*own%cost*sample_steps(plan)*more_samples*more_steps
+         time_factor = step_factor*merge(sample_factor, 1.0_wp, plan%excitation%per_sample)
+         row%n_samples = nint(sample_factor*maxval(plan%cases%n_samples))
+         row%n_steps = nint(step_factor*plan%integration%n_steps, long)
+         row%error = sqrt(errors%discretisation**2 + errors%time**2/time_factor &
+                          + monte_carlo_error(tradeoff, errors, sample_factor)**2)
+         row%seconds = 1.0e-9_wp*own%cost*sample_steps(plan)*sample_factor*step_factor
       end function row
 
    end function size_rows_of
 
-   !> True if samples of a case differ.
-   pure logical function is_random(plan)
+   !> True if a case draws its friction, so that its samples differ.
+   pure logical function has_drawn_friction(plan)
       type(plan_type), intent(in) :: plan
 
-      is_random = any(plan%cases%process > 0)
-   end function is_random
+      has_drawn_friction = any(plan%cases%process > 0)
+   end function has_drawn_friction
 
-   !> Steps that all samples of the scene march together.
+   !> Sum of the steps of all samples of the scene.
    pure function sample_steps(plan) result(n)
       type(plan_type), intent(in) :: plan
       real(wp) :: n

@@ -1,4 +1,4 @@
-!> Runs the marches of a tradeoff, a task at a time.
+!> Runs a task of a tradeoff: draws its samples, marches them, and reduces them to a few numbers.
 module tradeoff_marches
    use campaign_comparison, only: ratio_replicates
    use campaign_plan, only: plan_type
@@ -10,17 +10,18 @@ module tradeoff_marches
    use tradeoff_estimators, only: find_gains
    use tradeoff_sample, only: draw_level, level_type, march_level
    use tradeoff_settings, only: setting_type
-   use tradeoff_task_results, only: find_plain, find_published, find_setting_errors, plain_errors
-   use tradeoff_tasks, only: case_of, choose_march, of_batch, of_samples, of_setting, of_spectrum, &
-      of_variant, task_type, tradeoff_type
-   use tradeoff_variants, only: remember_alike
+   use tradeoff_task_results, only: find_plain_statistics, find_published_values, &
+                                    find_setting_errors, plain_errors
+   use tradeoff_tasks, only: batch_task, case_of, choose_march, samples_task, setting_task, &
+                             spectrum_task, task_type, tradeoff_type, variant_task
+   use tradeoff_variants, only: use_common_memory
    implicit none(type, external)
    private
    public :: run_task
 
 contains
 
-   !> Runs one march, and keeps its result.
+   !> Runs a task and stores its result in the tradeoff.
    subroutine run_task(tradeoff, number, should_stop, error)
       type(tradeoff_type), intent(inout) :: tradeoff
       integer, intent(in) :: number
@@ -33,7 +34,7 @@ contains
       type(case_statistics) :: statistics   ! plain sampling's
       integer :: n_samples
 
-      associate (task => tradeoff%tasks(number), found => tradeoff%found(number))
+      associate (task => tradeoff%tasks(number), found => tradeoff%results(number))
          call choose_march(tradeoff, task, plan, setting, n_samples)
          call draw_samples(tradeoff, task, n_samples, plan%integration%n_steps, level, error)
          if (allocated(error)) return
@@ -41,13 +42,13 @@ contains
          if (allocated(error) .or. result%n_samples == 0) return
          found%n_samples = result%n_samples
          select case (task%kind)
-         case (of_setting)
+         case (setting_task)
             call find_setting_errors(plan, level, result, tradeoff%references(task%level), &
                                      found%errors)
-         case (of_spectrum, of_batch)
-            call find_published(plan, result, found%value)
-         case (of_samples)
-            call find_plain(plan, result, statistics)
+         case (spectrum_task, batch_task)
+            call find_published_values(plan, result, found%value)
+         case (samples_task)
+            call find_plain_statistics(plan, result, statistics)
             found%plain_error = plain_errors(plan, statistics)
             found%gain = 0.0_wp*found%plain_error + 1.0_wp   ! of plain sampling
             associate (case_number => tradeoff%cases(task%row), scope => tradeoff%scope)
@@ -64,8 +65,8 @@ contains
       end associate
    end subroutine run_task
 
-   !> Draws friction and force of a task's samples: those of its level, or samples 1 to n of a case,
-   !> of a variant by the numbers that the samples of the scene's own process have.
+   !> Draws the friction and force of a task's samples: those of its level, or samples 1 to n of a
+   !> case. A variant uses the random numbers of the scene's own process.
    subroutine draw_samples(tradeoff, task, n, n_steps, level, error)
       type(tradeoff_type), intent(in) :: tradeoff
       type(task_type), intent(in) :: task
@@ -77,13 +78,13 @@ contains
 
       associate (scope => tradeoff%scope)
          select case (task%kind)
-         case (of_samples)
+         case (samples_task)
             case_number = tradeoff%cases(task%row)
             models = scope%models
-         case (of_variant)
+         case (variant_task)
             case_number = case_of(tradeoff, task)
             alike = scope%variant_models
-            call remember_alike(alike)
+            call use_common_memory(alike)
             models = scope%models
             models(scope%variants(task%row)%process) = alike(task%row)
          case default

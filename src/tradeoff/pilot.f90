@@ -1,8 +1,8 @@
-!> A short march before the campaign: which steps the spectra need.
+!> Chooses k for spectra of every k-th step, from a short pilot march before the campaign.
 !>
-!> Spectra of every k-th step cost a k-th, and fold what lies above the new Nyquist frequency onto
-!> what is kept. One sample of average friction under each excitation tells how much that is; cases
-!> that have both in common share it.
+!> Spectra of every k-th step cost 1/k as much, and fold (alias) the power above their Nyquist
+!> frequency. The pilot march measures that power on one sample with the mean friction, once for all
+!> cases with the same mean friction and force.
 module tradeoff_pilot
    use campaign_plan, only: have_same_force, plan_type
    use campaign_results, only: block_result
@@ -10,23 +10,23 @@ module tradeoff_pilot
    use campaign_sample, only: never
    use core_error, only: error_type
    use core_kinds, only: wp
-   use tradeoff_sample, only: level_type, march_level, stripped
+   use tradeoff_sample, only: level_type, march_level, only_slip_and_spectra
    use tradeoff_settings, only: own_setting
    implicit none(type, external)
    private
    public :: choose_every
 
-   !> Share of the variance. Where a bin holds a millionth of it, folding then still changes the bin
-   !> by 1 % at most, and Welch's estimate scatters by 10 %.
+   !> Share of the variance that may be folded. It changes a frequency with a millionth of the
+   !> variance by 1 % at most, where Welch's estimate scatters by 10 %.
    real(wp), parameter :: negligible = 1.0e-8_wp
-   integer, parameter :: sparsest = 16             !! every 16th step at most
-   integer, parameter :: pilot_segments = 8        !! of the march
-   real(wp), parameter :: most_memory = 64.0e6_wp  !! [byte] of what is marched at once
+   integer, parameter :: largest_every = 16        !! largest k
+   integer, parameter :: pilot_segments = 8        !! Welch segments of the pilot march
+   real(wp), parameter :: most_memory = 64.0e6_wp  !! memory of the cases marched at once [byte]
 
 contains
 
-   !> Chooses the k of every k-th step, unless the plan has it: the largest power of two that folds
-   !> a negligible share at every dof and excitation level; and finds the shares that k folds.
+   !> Chooses k unless the plan has it: the largest power of two that folds a negligible share of
+   !> the variance at every dof of every case. Returns the shares that it folds.
    subroutine choose_every(plan, file_force, folded_share, error)
       type(plan_type), intent(inout) :: plan
       real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
@@ -38,7 +38,7 @@ contains
       integer, allocatable :: every(:), marched(:)
       integer :: c, first, i, n, together, twin(size(plan%cases))
 
-      short = shortened(plan)
+      short = pilot_plan(plan)
       n = short%integration%n_steps
       call prepare_runner(short, file_force(:min(n, ubound(file_force, 1)), :), runner, error)
       if (allocated(error)) return
@@ -47,7 +47,7 @@ contains
       every = choices(plan%output%spectrum_every, plan%output%segment_length)
       allocate (share(plan%structure%n_dof, size(marched), size(every)))
       associate (memory => 16.0_wp*plan%structure%n_dof*short%output%segment_length &
-                           + 8.0_wp*plan%structure%n_forces*n)   ! spectra and forces of a case
+                 + 8.0_wp*plan%structure%n_forces*n)   ! spectra and forces of a case
          together = max(1, min(size(marched), int(most_memory/memory)))
       end associate
       do first = 1, size(marched), together
@@ -61,12 +61,12 @@ contains
       folded_share = share(:, [(findloc(marched, twin(c), dim=1), c=1, size(twin))], i)
    end subroutine choose_every
 
-   !> Marches one sample of each of some cases as one block, each under the force of its case, and
-   !> finds the shares of its power that every k-th step would fold.
+   !> Marches one sample of each of some cases as one block, each under the force of its case.
+   !> Returns the shares of the power that spectra of every k-th step would fold.
    subroutine march_cases(cases, runner, every, share, error)
       integer, intent(in) :: cases(:)
-      type(runner_type), intent(in) :: runner      !! of all cases
-      integer, intent(in) :: every(:)              !! k
+      type(runner_type), intent(in) :: runner      !! runner of all cases
+      integer, intent(in) :: every(:)              !! (k)
       real(wp), intent(out) :: share(:, :, :)      !! (dof, case, k)
       type(error_type), allocatable, intent(out) :: error
       type(level_type) :: level
@@ -79,7 +79,7 @@ contains
          allocate (level%friction(plan%structure%n_joints, size(cases)), &
                    level%force(0:plan%integration%n_steps, n*size(cases)))
          do i = 1, size(cases)
-            level%friction(:, i) = average_friction(plan, cases(i))
+            level%friction(:, i) = mean_friction(plan, cases(i))
             call runner%force_of(cases(i), 1, level%force(:, n*(i - 1) + 1:n*i), error)
             if (allocated(error)) return
          end do
@@ -91,35 +91,35 @@ contains
       end do
    end subroutine march_cases
 
-   !> A stripped plan with a short march at the full rate.
-   pure function shortened(plan) result(short)
+   !> Plan of the pilot march: short, with spectra of every step.
+   pure function pilot_plan(plan) result(short)
       type(plan_type), intent(in) :: plan
       type(plan_type) :: short
 
-      short = stripped(plan)
-      associate (how => short%integration, output => short%output)
-         how%n_steps = min(how%n_steps, (pilot_segments + 1)*output%segment_length/2)
-         output%segment_length = min(output%segment_length, how%n_steps)
+      short = only_slip_and_spectra(plan)
+      associate (n_steps => short%integration%n_steps, output => short%output)
+         n_steps = min(n_steps, (pilot_segments + 1)*output%segment_length/2)
+         output%segment_length = min(output%segment_length, n_steps)
          output%spectrum_every = 1
       end associate
-   end function shortened
+   end function pilot_plan
 
-   !> The first case with the same force and average friction: itself, where there is none before.
+   !> Number of the first case with the same force and mean friction as this one.
    pure integer function first_alike(plan, number)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
 
       do first_alike = 1, number - 1
          if (have_same_force(plan%cases(first_alike), plan%cases(number)) .and. &
-             .not. any(abs(average_friction(plan, first_alike) &
-                           - average_friction(plan, number)) > 0.0_wp)) return
+             .not. any(abs(mean_friction(plan, first_alike) &
+                           - mean_friction(plan, number)) > 0.0_wp)) return
       end do
    end function first_alike
 
-   !> One sample: the mean of the process that the friction is drawn from, or the friction given.
-   pure function average_friction(plan, number) result(friction)
+   !> Friction of the joints: the mean of the case's process, or the given values.
+   pure function mean_friction(plan, number) result(friction)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number   !! of the case
+      integer, intent(in) :: number   !! number of the case
       real(wp) :: friction(plan%structure%n_joints)
 
       associate (process => plan%cases(number)%process)
@@ -129,9 +129,9 @@ contains
             friction = plan%processes(process)%mean
          end if
       end associate
-   end function average_friction
+   end function mean_friction
 
-   !> Share of the power above the Nyquist frequency that every k-th step leaves.
+   !> Share of the power above the Nyquist frequency of every k-th step.
    pure function share_above(psd, every) result(share)
       real(wp), intent(in) :: psd(:, :, :)                 !! (dof, frequency, march)
       integer, intent(in) :: every
@@ -143,19 +143,19 @@ contains
       where (sum(psd, 2) > 0.0_wp) share = sum(psd(:, kept + 1:, :), 2)/sum(psd, 2)
    end function share_above
 
-   !> The k that are tried, ascending: the one given; else powers of two by which segments stay
-   !> whole, and worth the name.
+   !> Values of k that are tried, ascending: the given one, or powers of two that divide the segment
+   !> and leave it at least 64 values.
    pure function choices(given, segment_length) result(every)
-      integer, intent(in) :: given             !! 0: none
+      integer, intent(in) :: given             !! 0: not given
       integer, intent(in) :: segment_length
       integer, allocatable :: every(:)
-      integer, parameter :: shortest = 64
+      integer, parameter :: fewest_values = 64
       integer :: k
 
       every = [max(1, given)]
       k = 2
-      do while (given == 0 .and. k <= sparsest .and. modulo(segment_length, k) == 0 .and. &
-                segment_length/k >= shortest)
+      do while (given == 0 .and. k <= largest_every .and. modulo(segment_length, k) == 0 .and. &
+                segment_length/k >= fewest_values)
          every = [every, k]
          k = 2*k
       end do

@@ -1,8 +1,8 @@
-!> A small piece of a campaign to measure settings on: some samples of its cases, under the first
-!> part of its own force.
+!> Draws and marches some samples of a campaign, under the first part of its force, to measure
+!> settings on them.
 !>
-!> Samples of all cases with one level of force share a block, as wide as the campaign's own blocks,
-!> so that a step costs here what it costs there.
+!> Samples of all cases with one force level share a block, as wide as the campaign's blocks: a step
+!> costs the same as in the campaign.
 module tradeoff_sample
    use campaign_plan, only: case_type, plan_type
    use campaign_results, only: block_result
@@ -18,24 +18,24 @@ module tradeoff_sample
    implicit none(type, external)
    private
    public :: level_type, choose_levels, draw_level, march_level
-   public :: fit_segments, shortened, stretch, stripped
+   public :: fit_segments, shortened, resampled_force, only_slip_and_spectra
 
    integer, parameter :: most_levels = 4
 
-   !> One level of force, and the samples that are marched under it.
+   !> Force level with the samples that are marched at it.
    type :: level_type
-      real(wp) :: strength = 0.0_wp            !! as case_type has it
-      integer :: n_all = 0                     !! samples that the campaign has at this level
+      real(wp) :: strength = 0.0_wp            !! as in case_type
+      integer :: n_all = 0                     !! number of the campaign's samples at this level
       integer, allocatable :: case_number(:)   !! (sample)
-      integer, allocatable :: sample(:)        !! (sample) its number in the case
-      real(wp), allocatable :: friction(:, :)  !! (dof, sample)
+      integer, allocatable :: sample(:)        !! (sample) sample number in its case
+      real(wp), allocatable :: friction(:, :)  !! (joint, sample)
       real(wp), allocatable :: force(:, :)     !! (0:n_steps, 1 or sample) [N]
    end type level_type
 
 contains
 
-   !> Chooses the levels of force, at most four, the lowest and the highest among them; and their
-   !> samples: the first of each case, as many of each as a block has room for.
+   !> Chooses at most four force levels, the lowest and the highest among them, and a block of
+   !> samples at each: the first samples of its cases, about as many of each.
    pure subroutine choose_levels(plan, levels)
       type(plan_type), intent(in) :: plan
       type(level_type), allocatable, intent(out) :: levels(:)
@@ -59,12 +59,12 @@ contains
                       abs(plan%cases%strength - levels(k)%strength) <= 0.0_wp)
          levels(k)%n_all = sum(n_samples(cases))
          width = min(block_width(plan), maxval(n_samples(cases)))
-         call deal(n_samples, cases, width, levels(k))
+         call fill_block(n_samples, cases, width, levels(k))
       end do
    end subroutine choose_levels
 
    !> Fills a block with samples 1 of the cases in turn, then samples 2, ...
-   pure subroutine deal(n_samples, cases, width, level)
+   pure subroutine fill_block(n_samples, cases, width, level)
       integer, intent(in) :: n_samples(:)   !! (case)
       integer, intent(in) :: cases(:), width
       type(level_type), intent(inout) :: level
@@ -79,29 +79,28 @@ contains
             level%sample = [level%sample, sample]
          end do
       end do
-   end subroutine deal
+   end subroutine fill_block
 
-   !> Draws the friction and the force of a level's samples. Without models, coefficients of the
-   !> right mean and scatter stand in for those of the processes: numerical errors do not feel more.
+   !> Draws the friction and the force of a level's samples. Without models, substitute_friction
+   !> draws the friction: numerical errors hardly depend on more than its mean and scatter.
    subroutine draw_level(plan, runner, n_steps, level, error, models)
       type(plan_type), intent(in) :: plan
-      type(runner_type), intent(in) :: runner   !! of the whole campaign
-      integer, intent(in) :: n_steps            !! of the force that are kept
+      type(runner_type), intent(in) :: runner   !! runner of the whole campaign
+      integer, intent(in) :: n_steps            !! steps of the force that are kept
       type(level_type), intent(inout) :: level
       type(error_type), allocatable, intent(out) :: error
       type(process_model_type), intent(in), optional :: models(:)   !! (process)
       real(wp), allocatable :: force(:, :), friction(:, :)
       integer :: w
 
-      w = size(level%sample)
-      allocate (level%friction(plan%structure%n_joints, w))
+      allocate (level%friction(plan%structure%n_joints, size(level%sample)))
       do w = 1, size(level%sample)
          associate (c => level%case_number(w), sample => level%sample(w))
             if (present(models)) then
                call draw_friction(plan, models, [block_range(c, sample, sample)], friction)
                level%friction(:, w) = friction(:, 1)
             else
-               level%friction(:, w) = stand_in(plan, c, sample)
+               level%friction(:, w) = substitute_friction(plan, c, sample)
             end if
          end associate
       end do
@@ -113,8 +112,9 @@ contains
       level%force(:, :) = force(:n_steps, :)
    end subroutine draw_level
 
-   !> Independent positive values of the mean and scatter that the case's process was asked to have.
-   pure function stand_in(plan, case_number, sample) result(friction)
+   !> Independent friction values |mean + std z|, z normal, with the mean and standard deviation of
+   !> the case's process.
+   pure function substitute_friction(plan, case_number, sample) result(friction)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: case_number, sample
       real(wp) :: friction(plan%structure%n_joints), values(plan%structure%n_points)
@@ -128,10 +128,10 @@ contains
          values = abs(plan%processes(process)%mean + plan%processes(process)%std*values)
          friction = values(plan%structure%friction_point)
       end associate
-   end function stand_in
+   end function substitute_friction
 
-   !> The plan with nothing discarded, and nothing kept but slip and spectra.
-   pure function stripped(plan) result(short)
+   !> Plan that discards no steps and keeps only slip fractions and spectra.
+   pure function only_slip_and_spectra(plan) result(short)
       type(plan_type), intent(in) :: plan
       type(plan_type) :: short
 
@@ -142,16 +142,17 @@ contains
       short%output%harmonic = .false.
       short%output%transitions = .false.
       short%output%dofs = [integer ::]
-   end function stripped
+   end function only_slip_and_spectra
 
-   !> A stripped plan of about n_steps, a multiple of `unit` unless the scene has fewer.
+   !> Plan of about n_steps, at least 4096 and a multiple of `unit` if the scene has as many. Keeps
+   !> only slip fractions and spectra.
    pure function shortened(plan, unit, n_steps) result(short)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: unit, n_steps
       type(plan_type) :: short
-      integer, parameter :: least = 4096   ! steps that show something
+      integer, parameter :: least = 4096
 
-      short = stripped(plan)
+      short = only_slip_and_spectra(plan)
       short%integration%n_steps = min(plan%integration%n_steps, max(least, n_steps))
       if (short%integration%n_steps >= unit) &
          short%integration%n_steps = unit*(short%integration%n_steps/unit)
@@ -159,65 +160,67 @@ contains
       call fit_segments(short%integration%n_steps, short)
    end function shortened
 
-   !> Shortens the segments to half of what is marched where the scene's are longer; leaves out
-   !> spectra where that is too little.
+   !> Limits the Welch segments to half of n_steps. Turns spectra off if a segment then has too few
+   !> values.
    pure subroutine fit_segments(n_steps, plan)
       integer, intent(in) :: n_steps
       type(plan_type), intent(inout) :: plan
-      integer, parameter :: least = 16   ! values
+      integer, parameter :: fewest_values = 16
 
       associate (output => plan%output, unit => 2*plan%output%spectrum_every)
          output%segment_length = unit*(min(output%segment_length, n_steps/2)/unit)
-         output%spectrum = output%spectrum .and. output%segment_length >= least*unit/2
+         output%spectrum = output%spectrum .and. output%segment_length >= fewest_values*unit/2
       end associate
    end subroutine fit_segments
 
-   !> Marches the samples of a level under its force with one setting. `plan` says how many steps of
-   !> the scene are marched (not more than the level's force has), and what is kept of them.
+   !> Marches the samples of a level under its force with one setting. `plan` gives the number of
+   !> steps (at most those of level%force) and the results that are kept.
    subroutine march_level(plan, level, setting, should_stop, result, nanoseconds, error, like)
       type(plan_type), intent(in) :: plan
       type(level_type), intent(in) :: level
       type(setting_type), intent(in) :: setting
       procedure(stop_query) :: should_stop
       type(block_result), intent(out) :: result
-      real(wp), intent(out) :: nanoseconds   !! of a processor, per sample and step of the scene
+      real(wp), intent(out) :: nanoseconds   !! processor time of a sample-step of the scene
       type(error_type), allocatable, intent(out) :: error
-      type(runner_type), intent(in), optional :: like   !! whose marcher serves again
+      type(runner_type), intent(in), optional :: like   !! runner whose marcher is used again
       type(plan_type) :: short
       type(runner_type) :: runner
-      real(wp) :: before, after
+      real(wp) :: after, before
 
       nanoseconds = 0.0_wp
       short = with_setting(plan, setting)
       short%excitation%kind = 'file'
       short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
       short%cases = [case_type(n_samples=size(level%sample))]
-      call prepare_runner(short, stretch(level%force(:plan%integration%n_steps, :), setting), &
-                          runner, error, like)
-      if (allocated(error)) return
-      call cpu_time(before)
-      call run_block(runner, 1, level%friction, 1, should_stop, result, error)
-      call cpu_time(after)
-      nanoseconds = 1.0e9_wp*(after - before)/(real(plan%integration%n_steps, wp) &
-                                               *size(level%sample))
+      associate (n_steps => plan%integration%n_steps)
+         call prepare_runner(short, resampled_force(level%force(:n_steps, :), setting), runner, &
+                             error, like)
+         if (allocated(error)) return
+         call cpu_time(before)
+         call run_block(runner, 1, level%friction, 1, should_stop, result, error)
+         call cpu_time(after)
+         nanoseconds = 1.0e9_wp*(after - before)/(real(n_steps, wp)*size(level%sample))
+      end associate
    end subroutine march_level
 
-   !> The force at the steps of a setting: on the chords between its values, or every so many.
-   pure function stretch(force, setting) result(stretched)
+   !> Force at the steps of a setting [N]: linear between the steps of the scene, or every stride-th
+   !> value.
+   pure function resampled_force(force, setting) result(resampled)
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N]
       type(setting_type), intent(in) :: setting
-      real(wp), allocatable :: stretched(:, :)   !! from 0
+      real(wp), allocatable :: resampled(:, :)   !! from 0
       integer :: i, k, n
 
       n = ubound(force, 1)
       associate (parts => setting%parts, stride => setting%stride)
-         allocate (stretched(0:n*parts/stride, size(force, 2)))
-         do i = 0, ubound(stretched, 1)
+         allocate (resampled(0:n*parts/stride, size(force, 2)))
+         do i = 0, ubound(resampled, 1)
             k = i*stride/parts
-            stretched(i, :) = force(k, :) + (force(min(k + 1, n), :) - force(k, :)) &
+            resampled(i, :) = force(k, :) + (force(min(k + 1, n), :) - force(k, :)) &
                               *(real(modulo(i*stride, parts), wp)/parts)
          end do
       end associate
-   end function stretch
+   end function resampled_force
 
 end module tradeoff_sample

@@ -1,5 +1,5 @@
-!> The settings that trade speed for accuracy in a march, those that are worth comparing, and what
-!> each is expected to cost.
+!> Settings of a march that trade speed for accuracy: those that are compared, and the expected cost
+!> of each.
 module tradeoff_settings
    use campaign_plan, only: integration_settings, plan_type
    use campaign_runner, only: new_marcher
@@ -12,22 +12,22 @@ module tradeoff_settings
    public :: setting_type, all_settings, settings_at_dt, own_setting, same_setting, with_setting
    public :: count_work, expected_cost, reference_setting, setting_dt, use_setting
 
-   !> A method, its step in terms of the scene's, and how closely it follows a transition.
+   !> Method, step and accuracy of a march. Its step is stride/parts times the scene's.
    type :: setting_type
       character(16) :: method = 'event'     !! or 'newmark'
-      integer :: parts = 1                  !! equal steps that an interval of the force is cut into
-      integer :: stride = 1                 !! intervals of the force that a step takes together
+      integer :: parts = 1                  !! steps of the setting in a step of the scene
+      integer :: stride = 1                 !! steps of the scene in a step of the setting
       integer :: max_halvings = 0           !! newmark
       real(wp) :: tolerance = 0.0_wp        !! event
-      type(march_work) :: work              !! of a step of its own; see count_work
+      type(march_work) :: work              !! work of a step of the setting, set by count_work
    end type setting_type
 
-   !> Setting a hundred times tighter than the best that is compared
+   !> Reference: its tolerance is a hundred times smaller than the smallest compared.
    type(setting_type), parameter :: reference_setting = setting_type('event', tolerance=1.0e-12_wp)
 
 contains
 
-   !> The scene's own.
+   !> Setting of the scene.
    pure function own_setting(plan) result(setting)
       type(plan_type), intent(in) :: plan
       type(setting_type) :: setting
@@ -40,7 +40,8 @@ contains
       end if
    end function own_setting
 
-   !> Settings for the scene's own steps, its own setting last if it is not among them.
+   !> Settings with the scene's step that are compared; the scene's own setting is last if it is not
+   !> among them.
    pure function settings_at_dt(plan) result(settings)
       type(plan_type), intent(in) :: plan
       type(setting_type), allocatable :: settings(:)
@@ -55,9 +56,8 @@ contains
          settings = [settings, own_setting(plan)]
    end function settings_at_dt
 
-   !> Settings at the scene's dt, and Newmark's scheme with steps of 1/2 to 1/16 of the scene's
-   !> under the same force; where `can_skip`, also both methods with every second value of the
-   !> force.
+   !> Settings of settings_at_dt; Newmark's scheme with 1/2 to 1/16 of the scene's step and the same
+   !> force; with `can_skip` also both methods with every second value of the force.
    pure function all_settings(plan, can_skip) result(settings)
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: can_skip
@@ -78,68 +78,67 @@ contains
       end do
    end function all_settings
 
-   !> True if Newmark's scheme can take steps of so many dt (its linear stability bound).
-   pure function is_stable(plan, steps) result(is_so)
+   !> True if a step of `factor` dt is within the linear stability bound of Newmark's scheme.
+   pure logical function is_stable(plan, factor)
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: steps
-      logical :: is_so
+      real(wp), intent(in) :: factor
 
-      associate (how => plan%integration)
-         is_so = steps*how%dt <= longest_step(plan%structure, how%beta, how%gamma)
+      associate (integration => plan%integration)
+         is_stable = factor*integration%dt &
+                     <= longest_step(plan%structure, integration%beta, integration%gamma)
       end associate
    end function is_stable
 
-   !> True if two settings march alike.
-   elemental function same_setting(a, b) result(is_same)
+   !> True if two settings give the same march.
+   elemental logical function same_setting(a, b)
       type(setting_type), intent(in) :: a, b
-      logical :: is_same
 
-      is_same = a%method == b%method .and. a%parts == b%parts .and. a%stride == b%stride &
-                .and. a%max_halvings == b%max_halvings &
-                .and. abs(a%tolerance - b%tolerance) <= 1.0e-6_wp*b%tolerance
+      same_setting = a%method == b%method .and. a%parts == b%parts .and. a%stride == b%stride &
+                     .and. a%max_halvings == b%max_halvings &
+                     .and. abs(a%tolerance - b%tolerance) <= 1.0e-6_wp*b%tolerance
    end function same_setting
 
-   !> The step of a setting [s].
-   elemental function setting_dt(setting, dt) result(step)
+   !> Step of a setting [s].
+   elemental real(wp) function setting_dt(setting, dt)
       type(setting_type), intent(in) :: setting
-      real(wp), intent(in) :: dt   !! the scene's
-      real(wp) :: step
+      real(wp), intent(in) :: dt   !! step of the scene [s]
 
-      step = dt*setting%stride/setting%parts
+      setting_dt = dt*setting%stride/setting%parts
    end function setting_dt
 
-   !> The plan marched with a setting: the same time, the same records in its spectra. n_steps,
-   !> n_discard, segment_length and spectrum_every must be multiples of the stride.
+   !> Plan with a setting: the march takes the same time, and the same instants enter its spectra.
+   !> n_steps, n_discard, segment_length and spectrum_every must be multiples of the stride.
    pure function with_setting(plan, setting) result(changed)
       type(plan_type), intent(in) :: plan
       type(setting_type), intent(in) :: setting
       type(plan_type) :: changed
 
       changed = plan
-      associate (how => changed%integration, output => changed%output)
-         call use_setting(setting, how)
-         how%dt = setting_dt(setting, plan%integration%dt)
-         how%n_steps = how%n_steps*setting%parts/setting%stride
-         how%n_discard = how%n_discard*setting%parts/setting%stride
-         output%segment_length = output%segment_length*setting%parts/setting%stride
-         output%spectrum_every = output%spectrum_every*setting%parts/setting%stride
+      associate (integration => changed%integration, output => changed%output, &
+                 parts => setting%parts, stride => setting%stride)
+         call use_setting(setting, integration)
+         integration%dt = setting_dt(setting, plan%integration%dt)
+         integration%n_steps = integration%n_steps*parts/stride
+         integration%n_discard = integration%n_discard*parts/stride
+         output%segment_length = output%segment_length*parts/stride
+         output%spectrum_every = output%spectrum_every*parts/stride
       end associate
    end function with_setting
 
-   !> Sets the method and what it has of its own; not the step.
-   pure subroutine use_setting(setting, how)
+   !> Sets the method and its max_halvings or tolerance; leaves the step.
+   pure subroutine use_setting(setting, integration)
       type(setting_type), intent(in) :: setting
-      type(integration_settings), intent(inout) :: how
+      type(integration_settings), intent(inout) :: integration
 
-      how%method = setting%method
-      if (how%method == 'newmark') then
-         how%max_halvings = setting%max_halvings
+      integration%method = setting%method
+      if (setting%method == 'newmark') then
+         integration%max_halvings = setting%max_halvings
       else
-         how%tolerance = setting%tolerance
+         integration%tolerance = setting%tolerance
       end if
    end subroutine use_setting
 
-   !> Counts the work of a setting's march.
+   !> Counts the work of a step of the setting.
    subroutine count_work(plan, setting, error)
       type(plan_type), intent(in) :: plan
       type(setting_type), intent(inout) :: setting
@@ -152,19 +151,20 @@ contains
       if (.not. allocated(error)) setting%work = marcher%work
    end subroutine count_work
 
-   !> Expected cost of a sample-step of the scene, from counted work [ns of a processor of 2023]. It
-   !> ranks settings, the same on every machine and in every run; it is no forecast.
+   !> Expected cost of a sample-step of the scene from counted work [ns of a processor of 2023]. It
+   !> ranks settings in the same way on every machine and in every run; it is not a forecast.
    elemental real(wp) function expected_cost(setting, n_dof, n_samples, transitions) &
       result(nanoseconds)
-      type(setting_type), intent(in) :: setting   !! counted
-      integer, intent(in) :: n_dof, n_samples     !! of a block
-      real(wp), intent(in) :: transitions         !! of a sample in a step of the scene
-      real(wp), parameter :: of_multiplication = 0.05_wp, of_record = 5.0_wp   ! of a dof, spectra
-      real(wp) :: steps   ! in one of the scene
+      type(setting_type), intent(in) :: setting   !! with counted work
+      integer, intent(in) :: n_dof, n_samples     !! dofs, and samples of a block
+      real(wp), intent(in) :: transitions         !! transitions of a sample in a step of the scene
+      real(wp), parameter :: multiplication_time = 0.05_wp
+      real(wp), parameter :: record_time = 5.0_wp   ! of a displacement in the spectra
+      real(wp) :: steps   ! steps of the setting in a step of the scene
 
       steps = real(setting%parts, wp)/setting%stride
-      nanoseconds = of_record*n_dof &
-                    + of_multiplication*steps &
+      nanoseconds = record_time*n_dof &
+                    + multiplication_time*steps &
                     *setting%work%with_transitions(transitions/steps, n_samples)
    end function expected_cost
 

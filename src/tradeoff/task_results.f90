@@ -1,9 +1,9 @@
-!> Results of the marches of a tradeoff: each kind of task fills its own components.
+!> Results of the tasks of a tradeoff: published numbers of a march, and their errors.
 module tradeoff_task_results
    use campaign_bands, only: band_collector, start_bands
    use campaign_columns, only: column_collector, start_columns
    use campaign_comparison, only: band_ratio_error, compare_slip, compare_spectra, &
-      numerical_error, ratio_replicates, slip_error
+                                  numerical_error, ratio_replicates, slip_error
    use campaign_plan, only: plan_type
    use campaign_results, only: block_result, case_statistics
    use core_kinds, only: wp
@@ -13,41 +13,43 @@ module tradeoff_task_results
    implicit none(type, external)
    private
    public :: task_result
-   public :: find_plain, plain_errors, find_published, find_setting_errors
+   public :: find_plain_statistics, plain_errors, find_published_values, find_setting_errors
 
-   real(wp), parameter :: points = 100.0_wp   !! of percent in a fraction
+   real(wp), parameter :: points = 100.0_wp   !! percentage points of a fraction of 1
 
-   !> Published numbers by their places in a list: mean over samples of slip fractions [points],
-   !> their standard deviation [points], mean spectra and percentiles of spectra, integrated over
-   !> frequency and relative, band ratios. The error of slip_mean is that of the mean where `slip`
-   !> is the error of a sample, rms over samples.
+   !> Places of the published numbers in a list: mean over samples of slip fractions [points], their
+   !> standard deviation [points], mean and percentiles of spectra (relative, integrated over
+   !> frequency), band ratio. In lists of errors, `slip` is the rms over samples of the error of a
+   !> slip fraction, and slip_mean the error of the mean.
    integer, parameter, public :: slip = 1, slip_std = 2, psd_mean = 3, psd_percentiles = 4, &
                                  band_ratio = 5, slip_mean = 6, n_published = 6
 
-   !> Result of a task. Tables (joint or dof, published number) are zero where there is none.
+   !> Result of a task; each kind of task fills its own components. Tables are (joint or dof,
+   !> published number), zero for numbers that are not computed.
    type :: task_result
-      real(wp) :: cost = 0.0_wp           !! of a sample-step [ns of a processor]
-      integer :: n_samples = 0            !! that were marched
-      !> (published number; measured, and with twice its standard error) the largest errors of a
-      !> setting over cases and dofs
+      real(wp) :: cost = 0.0_wp           !! processor time of a sample-step [ns]
+      integer :: n_samples = 0            !! number of samples that were marched
+      !> setting task: (published number; 1: error, 2: error plus twice its standard error), the
+      !> largest over cases and dofs
       real(wp), allocatable :: errors(:, :)
-      real(wp), allocatable :: value(:, :)   !! in a batch; of a way to form spectra
-      !> plain sampling's standard errors from a case's samples, of band ratios of the logarithm
+      real(wp), allocatable :: value(:, :)   !! batch and spectrum tasks: published numbers
+      !> samples task: standard errors of plain sampling; for band ratios of the logarithm
       real(wp), allocatable :: plain_error(:, :)
-      real(wp), allocatable :: gain(:, :)    !! plain_error over the error of the scene's estimator
-      real(wp), allocatable :: slip_fraction(:, :)   !! (joint, sample) of a variant
-      !> (0: of all samples, i: without the i-th; dof) band ratios of a variant
+      !> samples task: plain_error over the standard error of the scene's estimator
+      real(wp), allocatable :: gain(:, :)
+      real(wp), allocatable :: slip_fraction(:, :)   !! variant task: (joint, sample)
+      !> variant task: band ratios (0: of all samples, i: of all but the i-th; dof)
       real(wp), allocatable :: ratio_without(:, :)
    end type task_result
 
 contains
 
-   !> Compares a march with the reference of the same samples.
+   !> Computes the errors of a march against the reference of the same samples.
    pure subroutine find_setting_errors(plan, level, tested, reference, found)
       type(plan_type), intent(in) :: plan
       type(level_type), intent(in) :: level
       type(block_result), intent(in) :: tested, reference
-      real(wp), allocatable, intent(out) :: found(:, :)   !! as in task_result
+      real(wp), allocatable, intent(out) :: found(:, :)   !! as task_result%errors
       type(numerical_error) :: errors
 
       allocate (found(n_published, 2), source=0.0_wp)
@@ -62,14 +64,14 @@ contains
       found(band_ratio, 2) = found(band_ratio, 1) + 2*maxval(errors%band_ratio%error)
    end subroutine find_setting_errors
 
-   !> Finds the largest errors of slip fractions over the cases of a level. One sample of many says
-   !> as much as its error is large.
+   !> Computes the largest errors of slip fractions over the cases of a level. The standard error of
+   !> an error from one sample of several is taken as large as the error.
    pure subroutine compare_cases(level, n_samples, tested, reference, found)
       type(level_type), intent(in) :: level
       integer, intent(in) :: n_samples(:)       !! (case)
-      real(wp), intent(in) :: tested(:, :)      !! (dof, sample)
-      real(wp), intent(in) :: reference(:, :)   !! (dof, sample)
-      real(wp), intent(inout) :: found(:, :)    !! as in task_result
+      real(wp), intent(in) :: tested(:, :)      !! (joint, sample) slip fractions
+      real(wp), intent(in) :: reference(:, :)   !! (joint, sample)
+      real(wp), intent(inout) :: found(:, :)    !! as task_result%errors
       type(numerical_error) :: errors
       real(wp) :: scatter
       integer, allocatable :: samples(:)
@@ -92,8 +94,8 @@ contains
       end do
    end subroutine compare_cases
 
-   !> Finds mean slip fractions, their standard deviations over samples, and band ratios.
-   pure subroutine find_published(plan, result, found)
+   !> Computes mean slip fractions, their standard deviations over samples, and band ratios.
+   pure subroutine find_published_values(plan, result, found)
       type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: result
       real(wp), allocatable, intent(out) :: found(:, :)   !! (joint or dof, published number)
@@ -111,11 +113,11 @@ contains
             found(:n, band_ratio) = ratios(1, :)   ! of all samples
          end associate
       end associate
-   end subroutine find_published
+   end subroutine find_published_values
 
-   !> Finds plain sampling's statistics of the samples that were marched, two or more; numbers are
-   !> their slip fractions.
-   subroutine find_plain(plan, result, statistics)
+   !> Computes the statistics of plain sampling from two or more samples. statistics%numbers are
+   !> those of the slip fractions alone.
+   subroutine find_plain_statistics(plan, result, statistics)
       type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: result
       type(case_statistics), intent(out) :: statistics
@@ -139,9 +141,9 @@ contains
          call bands%add(1, 1, 1, result%psd)
          call bands%finish(statistics)
       end associate
-   end subroutine find_plain
+   end subroutine find_plain_statistics
 
-   !> The standard errors that statistics state for as many samples as they are of.
+   !> Standard errors that the statistics of plain sampling state.
    pure function plain_errors(plan, statistics) result(found)
       type(plan_type), intent(in) :: plan
       type(case_statistics), intent(in) :: statistics
@@ -167,7 +169,8 @@ contains
       end associate
    end function plain_errors
 
-   !> Relative error of an integral, from 95 % intervals of its integrand; 0 of nothing.
+   !> Relative standard error of an integral, from the 95 % intervals of its integrand; 0 if the
+   !> integral is 0.
    pure real(wp) function relative_error(integrand)
       type(statistic_type), intent(in) :: integrand(:)
 

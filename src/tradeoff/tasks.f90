@@ -1,10 +1,9 @@
-!> Marches that measure how accuracy depends on the settings, as tasks that any rank may take: each
-!> is one march, of which a few numbers are kept, and none needs another's. tradeoff_marches runs
-!> them.
+!> Lists the trial marches of a tradeoff as independent tasks: each is one march, from which a few
+!> numbers are kept, and any rank may run it (tradeoff_marches).
 !>
 !> The error of a setting is measured against the event method at tolerance 1e-12, on the same
-!> samples. The scatter of consecutive batches of a long march gives the error of time averages,
-!> that of a case's samples the Monte Carlo error.
+!> samples. The scatter of consecutive batches of a long march gives the time-average error; the
+!> scatter of a case's samples gives the Monte Carlo error.
 module tradeoff_tasks
    use campaign_plan, only: plan_type
    use campaign_pooling, only: sharing_cases
@@ -18,69 +17,73 @@ module tradeoff_tasks
    use numerics_spectrum, only: count_segments
    use process_model, only: process_model_type
    use tradeoff_sample, only: choose_levels, draw_level, fit_segments, level_type, march_level, &
-      shortened
+                              shortened
    use tradeoff_settings, only: all_settings, count_work, expected_cost, own_setting, &
-      reference_setting, same_setting, setting_type, settings_at_dt
+                                reference_setting, same_setting, setting_type, settings_at_dt
    use tradeoff_task_results, only: task_result
    use tradeoff_variants, only: variant_type
    implicit none(type, external)
    private
    public :: tradeoff_type, task_type, scope_type, case_of, choose_march, new_tradeoff
-   public :: of_setting, of_spectrum, of_batch, of_samples, of_variant
+   public :: setting_task, spectrum_task, batch_task, samples_task, variant_task
 
-   integer, parameter :: of_setting = 1, of_spectrum = 2, of_batch = 3, of_samples = 4, &
-                         of_variant = 5
-   integer, parameter :: most_cases = 16          !! whose Monte Carlo error is estimated
-   integer, parameter :: many_samples = 128       !! that variants of a process are compared on
-   integer, parameter :: most_ways = 9            !! to form spectra; see choose_ways
-   real(wp), parameter :: usual_transitions = 0.3_wp   !! in a step, where nothing is known yet
+   !> Kinds of tasks: a setting, a pair of spectrum_every and segment_length, a batch of a long
+   !> march, the samples of a case, a variant of a process.
+   integer, parameter :: setting_task = 1, spectrum_task = 2, batch_task = 3, samples_task = 4, &
+                         variant_task = 5
+   integer, parameter :: most_cases = 16          !! number of cases with a samples_task
+   integer, parameter :: variant_samples = 128    !! samples of a variant's march
+   integer, parameter :: most_spectra = 9         !! number of pairs that choose_spectra lists
+   !> Transitions of a sample in a step, as long as none are counted.
+   real(wp), parameter :: assumed_transitions = 0.3_wp
 
-   !> One piece of work, to be done by any rank.
+   !> One march.
    type :: task_type
-      integer :: kind = of_setting
-      integer :: row = 0       !! setting, way to form spectra, batch, case, or variant
-      integer :: level = 0     !! of force; none for a case
+      integer :: kind = setting_task
+      integer :: row = 0       !! number of the setting, spectrum, batch, case or variant
+      integer :: level = 0     !! number of the force level; 0 in a samples_task
    end type task_type
 
-   !> Scope of a tradeoff. Statistical parts and variants need models.
+   !> Parts of a tradeoff that are wanted. Statistical parts and variants need models.
    type :: scope_type
-      real(wp) :: budget = 0.0_wp         !! expected cost of the marches [s of a processor]
-      logical :: at_other_dt = .false.    !! settings with other steps than the scene's too
-      logical :: has_settings = .true.
-      logical :: is_statistical = .false.
+      real(wp) :: budget = 0.0_wp         !! expected processor time of the marches [s]
+      logical :: at_other_dt = .false.    !! includes settings with other steps than the scene's
+      logical :: has_settings = .true.    !! compares settings
+      logical :: is_statistical = .false. !! estimates time-average and Monte Carlo errors
       type(process_model_type), allocatable :: models(:)     !! (process), solved
       type(variant_type), allocatable :: variants(:)
       type(process_model_type), allocatable :: variant_models(:)   !! some have no solution
    end type scope_type
 
-   !> All that the tasks share, the same on every rank.
+   !> Data that all tasks share, and their results. The same on every rank.
    type :: tradeoff_type
-      type(plan_type) :: plan                         !! short: the marches that compare settings
-      type(plan_type) :: long                         !! those that estimate what is statistical
-      type(plan_type) :: wide                         !! of many samples: those of variants
+      type(plan_type) :: plan               !! short marches, of setting and samples tasks
+      type(plan_type) :: long_plan          !! long marches, of batch and spectrum tasks
+      type(plan_type) :: wide               !! marches of many samples, of variant tasks
       type(scope_type) :: scope
       type(setting_type), allocatable :: settings(:)
-      integer :: own = 0                              !! among them: the scene's; 0: none measured
-      type(setting_type) :: usual                     !! of what is statistical, counted
-      real(wp) :: slowness = 1.0_wp                   !! of this processor, beside expected_cost's
-      real(wp) :: seconds = 0.0_wp                    !! of this processor for all tasks, expected
+      integer :: own = 0                    !! number of the scene's setting in settings; 0: none
+      type(setting_type) :: common_setting  !! setting of all tasks but setting tasks, counted
+      real(wp) :: time_over_expected = 1.0_wp      !! measured over expected cost of the references
+      real(wp) :: seconds = 0.0_wp          !! expected processor time of all tasks [s]
       type(level_type), allocatable :: levels(:)
-      real(wp), allocatable :: transitions(:)         !! (level) of a sample in a step
-      integer, allocatable :: every(:)                !! (way) every k-th step enters the spectra
-      integer, allocatable :: segment_length(:)       !! (way) steps
-      integer, allocatable :: cases(:)                !! whose Monte Carlo error is estimated
-      integer, allocatable :: n_cases(:)              !! (case) that may share its samples
-      type(task_type), allocatable :: tasks(:)        !! the longest first
-      integer :: n_segments = 0                       !! of the scene's spectra; 0: none
-      integer :: n_wide = 0                           !! samples of a variant's march
-      type(task_result), allocatable :: found(:)      !! (task)
+      real(wp), allocatable :: transitions(:)      !! (level) transitions of a sample in a step
+      integer, allocatable :: every(:)             !! (spectrum) every k-th step enters the spectra
+      integer, allocatable :: segment_length(:)    !! (spectrum) [step]
+      integer, allocatable :: cases(:)             !! case numbers of the samples tasks
+      integer, allocatable :: n_cases(:)           !! (case) cases that may share its samples
+      type(task_type), allocatable :: tasks(:)     !! the most expensive first
+      integer :: n_segments = 0             !! Welch segments of the scene's spectra; 0: no spectra
+      integer :: n_wide = 0                 !! samples of a variant's march
+      type(task_result), allocatable :: results(:)       !! (task)
       type(block_result), allocatable :: references(:)   !! (level)
-      type(runner_type) :: runner                     !! of the whole campaign
+      type(runner_type) :: runner           !! campaign whose force the marches use
    end type tradeoff_type
 
 contains
 
-   !> Decides what is marched, within a budget of expected cost, and marches the references.
+   !> Chooses the marches within the budget of expected cost, marches the references, and lists the
+   !> tasks.
    subroutine new_tradeoff(plan, file_force, scope, should_stop, tradeoff, error)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
@@ -88,7 +91,7 @@ contains
       procedure(stop_query) :: should_stop
       type(tradeoff_type), intent(out) :: tradeoff
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: of_plan, of_long   ! expected costs of a step [ns]
+      real(wp) :: cost, long_cost   ! expected costs of a step of all marches [ns]
       integer :: every, i, unit, width
 
       every = max(plan%output%spectrum_every, 1)
@@ -105,45 +108,44 @@ contains
       end if
       if (.not. scope%has_settings) tradeoff%settings = tradeoff%settings(:0)
       tradeoff%own = findloc(same_setting(tradeoff%settings, own_setting(plan)), .true., 1)
-      tradeoff%n_wide = wide_block(plan, file_force)
-      tradeoff%usual = setting_type('event', tolerance=1.0e-6_wp)
-      call count_work(plan, tradeoff%usual, error)
+      tradeoff%n_wide = samples_of_variants(plan, file_force)
+      tradeoff%common_setting = setting_type('event', tolerance=1.0e-6_wp)
+      call count_work(plan, tradeoff%common_setting, error)
       do i = 1, size(tradeoff%settings)
          if (.not. allocated(error)) call count_work(plan, tradeoff%settings(i), error)
       end do
       if (allocated(error)) return
-      associate (usual_cost => expected_cost(tradeoff%usual, plan%structure%n_dof, &
-                                             block_width(plan), usual_transitions), &
+      associate (step_cost => expected_cost(tradeoff%common_setting, plan%structure%n_dof, &
+                                            block_width(plan), assumed_transitions), &
                  n_levels => size(tradeoff%levels))
          if (scope%has_settings) then
-            of_plan = width*sum(expected_cost(tradeoff%settings, plan%structure%n_dof, &
-                                              max(1, width/n_levels), usual_transitions))
-            of_long = (most_ways + 0.5_wp*(n_batches + 1))*width*usual_cost
+            cost = width*sum(expected_cost(tradeoff%settings, plan%structure%n_dof, &
+                                           max(1, width/n_levels), assumed_transitions))
+            long_cost = (most_spectra + 0.5_wp*(n_batches + 1))*width*step_cost
          else   ! a block of each case, and half of a long march for every batch
-            of_plan = 2*min(most_cases, size(plan%cases))*block_width(plan)*usual_cost
-            of_long = n_batches*width*usual_cost
+            cost = 2*min(most_cases, size(plan%cases))*block_width(plan)*step_cost
+            long_cost = n_batches*width*step_cost
          end if
-         tradeoff%plan = shortened(plan, unit, affordable(scope%budget, of_plan))
-         tradeoff%long = shortened(plan, unit*n_batches, affordable(scope%budget, of_long))
-         tradeoff%wide = shortened(plan, unit, affordable( &
-                             0.3_wp*scope%budget, tradeoff%n_wide*usual_cost*size(tradeoff%levels) &
-                                   *max(1, size(tradeoff%scope%variants))))
+         tradeoff%plan = shortened(plan, unit, affordable(scope%budget, cost))
+         tradeoff%long_plan = shortened(plan, unit*n_batches, affordable(scope%budget, long_cost))
+         cost = tradeoff%n_wide*step_cost*n_levels*max(1, size(tradeoff%scope%variants))
+         tradeoff%wide = shortened(plan, unit, affordable(0.3_wp*scope%budget, cost))
       end associate
-      call prepare_runner(with_short_record(plan, tradeoff), file_force, tradeoff%runner, error)
+      call prepare_runner(with_shorter_record(plan, tradeoff), file_force, tradeoff%runner, error)
       if (allocated(error)) return
       associate (layout => tradeoff%runner%layout, how => plan%integration)
          if (plan%output%spectrum) tradeoff%n_segments = &
             count_segments((how%n_steps - how%n_discard)/layout%every, layout%segment_length, &
                            layout%overlap)
       end associate
-      call draw_and_refer(tradeoff, should_stop, error)
+      call march_references(tradeoff, should_stop, error)
       if (allocated(error)) return
       call list_tasks(tradeoff)
-      allocate (tradeoff%found(size(tradeoff%tasks)))
+      allocate (tradeoff%results(size(tradeoff%tasks)))
    end subroutine new_tradeoff
 
-   !> The plan with a record of its force that is drawn in a second: no march needs a longer one.
-   pure function with_short_record(plan, tradeoff) result(short)
+   !> Plan with a shorter force record, which is drawn in a second and long enough for all marches.
+   pure function with_shorter_record(plan, tradeoff) result(short)
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
       type(plan_type) :: short
@@ -153,32 +155,34 @@ contains
       if (plan%excitation%kind == 'file') return
       short%integration%n_steps = min(plan%integration%n_steps, &
                                       max(enough, tradeoff%plan%integration%n_steps, &
-                                          tradeoff%long%integration%n_steps, &
+                                          tradeoff%long_plan%integration%n_steps, &
                                           tradeoff%wide%integration%n_steps))
       if (short%integration%n_steps < plan%integration%n_steps) short%integration%n_discard = 0
-   end function with_short_record
+   end function with_shorter_record
 
-   !> Steps that a budget [s] allows when each costs so much [ns].
+   !> Number of steps that a budget allows.
    pure integer function affordable(budget, cost)
-      real(wp), intent(in) :: budget, cost
+      real(wp), intent(in) :: budget   !! [s]
+      real(wp), intent(in) :: cost     !! of a step [ns]
 
       affordable = int(min(1.0e9_wp*budget/cost, 1.0e9_wp))
    end function affordable
 
-   !> Samples of a variant's march: fewer where each carries a record of its own.
-   pure integer function wide_block(plan, file_force)
+   !> Number of samples of a variant's march: a block at most if each has its own force record.
+   pure integer function samples_of_variants(plan, file_force)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: file_force(0:, :)
 
-      wide_block = many_samples
+      samples_of_variants = variant_samples
       if (.not. plan%excitation%per_sample) return
-      wide_block = block_width(plan)
+      samples_of_variants = block_width(plan)
       if (plan%excitation%kind == 'file') &
-         wide_block = min(wide_block, size(file_force, 2)/plan%structure%n_forces)
-   end function wide_block
+         samples_of_variants = min(samples_of_variants, size(file_force, 2)/plan%structure%n_forces)
+   end function samples_of_variants
 
-   !> Draws friction, force and, where settings are compared, reference of every level.
-   subroutine draw_and_refer(tradeoff, should_stop, error)
+   !> Draws the friction and the force of every level; marches its reference if settings are
+   !> compared.
+   subroutine march_references(tradeoff, should_stop, error)
       type(tradeoff_type), intent(inout) :: tradeoff
       procedure(stop_query) :: should_stop
       type(error_type), allocatable, intent(out) :: error
@@ -191,9 +195,9 @@ contains
       if (allocated(error)) return
       expected = 0.0_wp
       measured = 0.0_wp
-      n = max(tradeoff%plan%integration%n_steps, tradeoff%long%integration%n_steps)
+      n = max(tradeoff%plan%integration%n_steps, tradeoff%long_plan%integration%n_steps)
       allocate (tradeoff%references(size(tradeoff%levels)))
-      allocate (tradeoff%transitions(size(tradeoff%levels)), source=usual_transitions)
+      allocate (tradeoff%transitions(size(tradeoff%levels)), source=assumed_transitions)
       do k = 1, size(tradeoff%levels)
          associate (level => tradeoff%levels(k), reference => tradeoff%references(k), &
                     plan => tradeoff%plan, campaign => tradeoff%runner%plan)
@@ -210,11 +214,11 @@ contains
                                                 size(level%sample), tradeoff%transitions(k))
          end associate
       end do
-      if (expected > 0.0_wp) tradeoff%slowness = measured/expected
-   end subroutine draw_and_refer
+      if (expected > 0.0_wp) tradeoff%time_over_expected = measured/expected
+   end subroutine march_references
 
-   !> Lists the tasks, the dearest first: every variant, every setting, every way to form spectra
-   !> and every batch with every level, and cases.
+   !> Lists the tasks, the most expensive first: variants, settings, spectra and batches at every
+   !> level, and cases.
    subroutine list_tasks(tradeoff)
       type(tradeoff_type), intent(inout) :: tradeoff
       type(task_type), allocatable :: tasks(:)
@@ -224,22 +228,23 @@ contains
       n_levels = size(tradeoff%levels)
       allocate (tradeoff%every(0), tradeoff%segment_length(0), tradeoff%cases(0))
       tradeoff%n_cases = sharing_cases(tradeoff%plan)
-      tasks = [((task_type(of_variant, i, k), i=1, size(tradeoff%scope%variants)), k=1, n_levels)]
+      tasks = [((task_type(variant_task, i, k), i=1, size(tradeoff%scope%variants)), k=1, n_levels)]
       tasks = pack(tasks, [(can_be_marched(tradeoff, tasks(i)), i=1, size(tasks))])
-      tasks = [tasks, ((task_type(of_setting, i, k), k=1, n_levels), i=1, size(tradeoff%settings))]
+      tasks = [tasks, ((task_type(setting_task, i, k), k=1, n_levels), &
+                       i=1, size(tradeoff%settings))]
       if (tradeoff%scope%is_statistical) then
-         if (tradeoff%scope%has_settings) call choose_ways(tradeoff)
+         if (tradeoff%scope%has_settings) call choose_spectra(tradeoff)
          call choose_cases(tradeoff)
-         tasks = [tasks, ((task_type(of_batch, i, k), i=1, n_batches), k=1, n_levels), &
-                  ((task_type(of_spectrum, i, k), i=1, size(tradeoff%every)), k=1, n_levels), &
-                  (task_type(of_samples, i, 0), i=1, size(tradeoff%cases))]
+         tasks = [tasks, ((task_type(batch_task, i, k), i=1, n_batches), k=1, n_levels), &
+                  ((task_type(spectrum_task, i, k), i=1, size(tradeoff%every)), k=1, n_levels), &
+                  (task_type(samples_task, i, 0), i=1, size(tradeoff%cases))]
       end if
       cost = [(cost_of(tradeoff, tasks(i)), i=1, size(tasks))]
       tradeoff%tasks = tasks(sort_order(-cost))
-      tradeoff%seconds = 1.0e-9_wp*tradeoff%slowness*sum(cost)
+      tradeoff%seconds = 1.0e-9_wp*tradeoff%time_over_expected*sum(cost)
    end subroutine list_tasks
 
-   !> Expected cost of a task [ns of the processor of expected_cost].
+   !> Expected cost of a task [ns], as expected_cost has it.
    pure real(wp) function cost_of(tradeoff, task) result(cost)
       type(tradeoff_type), intent(in) :: tradeoff
       type(task_type), intent(in) :: task
@@ -255,7 +260,7 @@ contains
              *expected_cost(setting, plan%structure%n_dof, n_samples, transitions)
    end function cost_of
 
-   !> Chooses what a task marches: steps and what is kept of them, its setting, its samples.
+   !> Chooses the plan (steps and kept results), the setting and the number of samples of a task.
    pure subroutine choose_march(tradeoff, task, plan, setting, n_samples)
       type(tradeoff_type), intent(in) :: tradeoff
       type(task_type), intent(in) :: task
@@ -264,23 +269,23 @@ contains
       integer, intent(out) :: n_samples
       integer :: n
 
-      setting = tradeoff%usual
+      setting = tradeoff%common_setting
       if (task%level > 0) n_samples = size(tradeoff%levels(task%level)%sample)
       select case (task%kind)
-      case (of_setting)
+      case (setting_task)
          plan = tradeoff%plan
          setting = tradeoff%settings(task%row)
-      case (of_spectrum)
-         plan = tradeoff%long
+      case (spectrum_task)
+         plan = tradeoff%long_plan
          plan%output%spectrum_every = tradeoff%every(task%row)
          plan%output%segment_length = tradeoff%segment_length(task%row)
-      case (of_batch)
-         plan = tradeoff%long
+      case (batch_task)
+         plan = tradeoff%long_plan
          n = plan%integration%n_steps/n_batches
          plan%integration%n_steps = task%row*n
          plan%integration%n_discard = (task%row - 1)*n
          call fit_segments(n, plan)
-      case (of_samples)
+      case (samples_task)
          plan = tradeoff%plan
          n_samples = case_width(tradeoff, tradeoff%cases(task%row))
       case default
@@ -289,7 +294,7 @@ contains
       end select
    end subroutine choose_march
 
-   !> True if a variant has a solution, and a case at this level.
+   !> True if the variant of a task has a solution, and its process a case at the task's level.
    pure logical function can_be_marched(tradeoff, task)
       type(tradeoff_type), intent(in) :: tradeoff
       type(task_type), intent(in) :: task
@@ -298,7 +303,7 @@ contains
                        tradeoff%n_wide > 1 .and. case_of(tradeoff, task) > 0
    end function can_be_marched
 
-   !> The case of a variant's process at a level; 0: none.
+   !> Number of the case that has the process of the task's variant and its level; 0: none.
    pure integer function case_of(tradeoff, task)
       type(tradeoff_type), intent(in) :: tradeoff
       type(task_type), intent(in) :: task
@@ -309,33 +314,34 @@ contains
       end associate
    end function case_of
 
-   !> Chooses ways to form spectra: every step first, which the others are compared with; sparser
-   !> ones; and shorter and longer segments at the scene's own rate.
-   pure subroutine choose_ways(tradeoff)
+   !> Chooses pairs of spectrum_every and segment_length: every step first, with which the others
+   !> are compared; every 2nd to 16th step; shorter and longer segments at the scene's own rate.
+   pure subroutine choose_spectra(tradeoff)
       type(tradeoff_type), intent(inout) :: tradeoff
-      integer, parameter :: values = 16   ! least of a segment
+      integer, parameter :: fewest_values = 16   ! of a segment
       integer :: k, length
 
-      if (.not. tradeoff%long%output%spectrum) return
+      if (.not. tradeoff%long_plan%output%spectrum) return
       if (all([(size(tradeoff%levels(k)%sample) == 1, k=1, size(tradeoff%levels))])) return
-      associate (own => tradeoff%long%output%segment_length, &
-                 every => tradeoff%long%output%spectrum_every)
+      associate (own => tradeoff%long_plan%output%segment_length, &
+                 every => tradeoff%long_plan%output%spectrum_every)
          do k = 0, 4
-            if (modulo(own, 2**(k + 1)) /= 0 .or. own/2**k < values) exit
+            if (modulo(own, 2**(k + 1)) /= 0 .or. own/2**k < fewest_values) exit
             tradeoff%every = [tradeoff%every, 2**k]
             tradeoff%segment_length = [tradeoff%segment_length, own]
          end do
          do k = -3, 1
             length = int(own*2.0_wp**k)
-            if (k == 0 .or. modulo(length, 2*every) /= 0 .or. length < values*every) cycle
-            if (2*length > tradeoff%long%integration%n_steps) cycle
+            if (k == 0 .or. modulo(length, 2*every) /= 0 .or. length < fewest_values*every) cycle
+            if (2*length > tradeoff%long_plan%integration%n_steps) cycle
             tradeoff%every = [tradeoff%every, every]
             tradeoff%segment_length = [tradeoff%segment_length, length]
          end do
       end associate
-   end subroutine choose_ways
+   end subroutine choose_spectra
 
-   !> Chooses cases with drawn friction, evenly among all where they are many.
+   !> Chooses the cases of the samples tasks: at most most_cases with drawn friction, evenly spaced
+   !> among all.
    pure subroutine choose_cases(tradeoff)
       type(tradeoff_type), intent(inout) :: tradeoff
       integer, allocatable :: random(:)
@@ -349,8 +355,8 @@ contains
       tradeoff%cases = [(random(1 + ((i - 1)*size(random))/n), i=1, n)]
    end subroutine choose_cases
 
-   !> Samples whose scatter is that of a case: a block of them, or as many as have a record or given
-   !> values.
+   !> Number of samples of a case that are marched for its Monte Carlo error: a block, or as many as
+   !> have a given record or given values.
    pure integer function case_width(tradeoff, case_number)
       type(tradeoff_type), intent(in) :: tradeoff
       integer, intent(in) :: case_number

@@ -1,11 +1,10 @@
-!> The processes of a scene fitted otherwise: with other orders (m_max of the direct method), and to
-!> other numbers of simulated values.
+!> Lists variants of the processes of a scene: other orders (m_max of the direct method), and other
+!> lengths of the simulated series that positive processes are fitted to.
 !>
-!> An order is a choice of the model and a length of the fit one of its accuracy; what either does
-!> to what is published shows in marches with friction drawn from each, the random numbers and the
-!> force in common, against the highest order or the longest fit. What an order does to entropy and
-!> to the correlation length that is not imposed is compared without a march, on the process without
-!> sign constraint: it is a matter of its autocovariance.
+!> Each variant is fitted and its friction marched with the same random numbers and force
+!> (tradeoff_effects). Entropy and the correlation length that is not imposed depend on the
+!> autocovariance alone: compare_orders computes them without a march, from the process without sign
+!> constraint.
 module tradeoff_variants
    use campaign_plan, only: plan_type
    use core_error, only: error_type
@@ -15,49 +14,53 @@ module tradeoff_variants
    use process_reference, only: is_reference
    implicit none(type, external)
    private
-   public :: order_row, variant_type, compare_orders, list_variants, remember_alike
+   public :: order_row, variant_type, compare_orders, list_variants, use_common_memory
 
-   !> One order of a kind of process of the scene.
+   !> A kind of process of the scene with one order.
    type :: order_row
       character(:), allocatable :: method       !! 'autoregressive' or 'direct'
-      character(:), allocatable :: correlation  !! 'L0' or 'L1', imposed
+      character(:), allocatable :: correlation  !! imposed length, 'L0' or 'L1'
       real(wp) :: correlation_length = 0.0_wp
       integer :: order = 0                      !! M or m_max
-      logical :: is_own = .false.               !! the scene's
-      real(wp) :: entropy_lost = 0.0_wp         !! against white noise, per point [nat]
-      real(wp) :: other_length = 0.0_wp         !! L1 where L0 is imposed and the reverse
-      real(wp) :: milliseconds = 0.0_wp         !! of a processor, to fit it
+      logical :: is_own = .false.               !! a process of the scene has this order
+      real(wp) :: entropy_lost = 0.0_wp         !! entropy per point below white noise's [nat]
+      real(wp) :: other_length = 0.0_wp         !! L1 if L0 is imposed, L0 if L1 is
+      real(wp) :: milliseconds = 0.0_wp         !! processor time of the fit
    end type order_row
 
    !> A process of the plan with another order or length of its fit.
    type :: variant_type
-      integer :: process = 0          !! of the plan, that is varied
-      logical :: is_of_fit = .false.  !! the length of the fit is varied, else the order
-      logical :: is_own = .false.     !! as the scene has it
+      integer :: process = 0          !! number of the process in the plan
+      logical :: is_of_fit = .false.  !! true: the length of the fit is varied; false: the order
+      logical :: is_own = .false.     !! has the order and the length of the scene
       type(process_request) :: request
    end type variant_type
 
 contains
 
-   !> Compares the orders of every kind of process in the plan, a row for each, orders ascending.
-   !> Orders without a solution and laws of reference have no row.
+   !> Fits every kind of process in the plan with several orders, ascending; a row for each order
+   !> with a solution. Reference laws have no order.
    subroutine compare_orders(plan, rows)
       type(plan_type), intent(in) :: plan
       type(order_row), allocatable, intent(out) :: rows(:)
+      integer, parameter :: orders(*) = [1, 2, 3, 4, 5, 7, 10, 15, 20]
       integer :: i, order
 
       allocate (rows(0))
       do i = 1, size(plan%processes)
          if (is_reference(plan%processes(i))) cycle
          if (any(same_kind(plan%processes(:i - 1), plan%processes(i)))) cycle
-         do order = 1, highest(plan%processes(i))
-            if (is_shown(order, plan%processes, plan%processes(i))) &
-               call add_row(plan%processes, plan%processes(i), order, rows)
-         end do
+         associate (kind => plan%processes(i))
+            do order = 1, highest(kind)
+               if (any(order == orders) .or. &
+                   any(same_kind(plan%processes, kind) .and. plan%processes%order == order)) &
+                  call add_row(plan%processes, kind, order, rows)
+            end do
+         end associate
       end do
    end subroutine compare_orders
 
-   !> True if two processes differ at most in order, mean, std or sign.
+   !> True if two processes differ at most in order, mean, std or positivity.
    elemental logical function same_kind(a, b)
       type(process_request), intent(in) :: a, b
 
@@ -66,8 +69,8 @@ contains
                   .and. abs(a%second_length - b%second_length) <= 0.0_wp
    end function same_kind
 
-   !> Highest order; where L1 > 1 is imposed on the direct method it gives 2^m_max sequences of
-   !> signs.
+   !> Highest order that is fitted. It is lower if L1 > 1 is imposed on the direct method, which has
+   !> 2^m_max sequences of signs.
    pure integer function highest(request)
       type(process_request), intent(in) :: request
 
@@ -76,15 +79,7 @@ contains
           .and. request%correlation_length > 1.0_wp) highest = max(10, request%order)
    end function highest
 
-   pure logical function is_shown(order, processes, kind)
-      integer, intent(in) :: order
-      type(process_request), intent(in) :: processes(:), kind
-      integer, parameter :: usual(*) = [1, 2, 3, 4, 5, 7, 10, 15, 20]
-
-      is_shown = any(order == usual) .or. any(same_kind(processes, kind) &
-                                              .and. processes%order == order)
-   end function is_shown
-
+   !> Fits one order of a kind of process and adds its row if it has a solution.
    subroutine add_row(processes, kind, order, rows)
       type(process_request), intent(in) :: processes(:), kind
       integer, intent(in) :: order
@@ -112,15 +107,15 @@ contains
       rows = [rows, row]
    end subroutine add_row
 
-   !> Lists, for the process of largest std over mean of every kind that friction is drawn from, its
-   !> orders ascending, then lengths of its fit ascending; the scene's own among either. Laws of
-   !> reference, given values among them, have neither.
+   !> Lists the variants of one process of every kind that friction is drawn from, that with the
+   !> largest std over mean: orders ascending, then lengths of its fit ascending, each with the
+   !> scene's own. Reference laws and given values have none.
    pure subroutine list_variants(plan, models, variants)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)   !! (process), solved
       type(variant_type), allocatable, intent(out) :: variants(:)
-      integer, parameter :: usual(*) = [1, 2, 3, 5, 10, 20]
-      integer, parameter :: lengths(*) = [256, 1024, 4096, 16384, 65536]   ! of fits
+      integer, parameter :: orders(*) = [1, 2, 3, 5, 10, 20]
+      integer, parameter :: lengths(*) = [256, 1024, 4096, 16384, 65536]
       type(process_request) :: request
       integer :: highest, i, k
 
@@ -130,12 +125,11 @@ contains
          if (i /= representative(plan, i)) cycle
          request = plan%processes(i)
          associate (own => models(i)%order)
-            ! up to ten beyond the scene's, or to twice of it where that is less, but not below ten
             highest = max(10, min(2*own, own + 10))
             call add(i, request, .false., &
-                     pack([(k, k=1, highest)], [(any(k == [usual, highest, own]), k=1, highest)]), &
-                     own, variants)
-            ! values are simulated to be matched by positive ones, but for the first order
+                     pack([(k, k=1, highest)], [(any(k == [orders, own, highest]), &
+                                                 k=1, highest)]), own, variants)
+            ! only the fit of positive processes simulates values, and not at order 1
             if (.not. request%positive .or. own < 1) cycle
             if (own == 1 .and. request%method == 'autoregressive') cycle
             request%order = own
@@ -146,12 +140,13 @@ contains
       end do
    end subroutine list_variants
 
-   !> Adds a process with each of some orders, or lengths of its fit, one of them the scene's own.
+   !> Adds a variant for each value of the order or of the length of the fit.
    pure subroutine add(process, request, is_of_fit, values, own, variants)
       integer, intent(in) :: process
       type(process_request), intent(in) :: request
-      logical, intent(in) :: is_of_fit   !! lengths of the fit, else orders
-      integer, intent(in) :: values(:), own
+      logical, intent(in) :: is_of_fit   !! true: values are lengths of the fit; false: orders
+      integer, intent(in) :: values(:)
+      integer, intent(in) :: own         !! value of the scene
       type(variant_type), allocatable, intent(inout) :: variants(:)
       type(variant_type) :: variant
       integer :: i
@@ -167,30 +162,30 @@ contains
       end do
    end subroutine add
 
-   !> The process of the same kind with the largest std over mean, the first of equals.
+   !> Number of the first process of the same kind with the largest std over mean.
    pure integer function representative(plan, process)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: process
       logical :: is_candidate(size(plan%processes))
       integer :: i
 
-      is_candidate = [(drawn_alike(plan%processes(i), plan%processes(process)) .and. &
+      is_candidate = [(share_variants(plan%processes(i), plan%processes(process)) .and. &
                        any(plan%cases%process == i), i=1, size(is_candidate))]
       representative = maxloc(plan%processes%std/max(abs(plan%processes%mean), &
                                                      tiny(1.0_wp)), 1, mask=is_candidate)
    end function representative
 
-   !> True if two processes differ at most in order, mean or std, so that one variant serves both.
-   pure logical function drawn_alike(a, b)
+   !> True if two processes differ at most in order, mean or std, so that they share variants.
+   pure logical function share_variants(a, b)
       type(process_request), intent(in) :: a, b
 
-      drawn_alike = same_kind(a, b) .and. (a%positive .eqv. b%positive)
-      if (drawn_alike .and. a%positive) drawn_alike = a%sampler == b%sampler
-   end function drawn_alike
+      share_variants = same_kind(a, b) .and. (a%positive .eqv. b%positive)
+      if (share_variants .and. a%positive) share_variants = a%sampler == b%sampler
+   end function share_variants
 
-   !> Lets all one-at-a-time samplers begin as many values before the first that counts: the same
-   !> random numbers then make the same points of all.
-   pure subroutine remember_alike(models)
+   !> Lets all sequential samplers start the same number of values before the first point. The same
+   !> random numbers then give the same points.
+   pure subroutine use_common_memory(models)
       type(process_model_type), intent(inout) :: models(:)
       logical :: is_sequential(size(models))
       integer :: i
@@ -201,6 +196,6 @@ contains
             is_sequential(i) = models(i)%request%sampler == 'sequential'
       end do
       where (is_sequential) models%memory = maxval(models%memory, mask=is_sequential)
-   end subroutine remember_alike
+   end subroutine use_common_memory
 
 end module tradeoff_variants
