@@ -106,7 +106,7 @@ def _damages(paths: list[Path]) -> list[str]:
 
 def _parser() -> Parser:
     parser = Parser(prog="python -m entroslip", description=__doc__)
-    _add_common(parser, "+", "results files of entroslip")
+    _add_common(parser, "results files of entroslip")
     parser.add_argument("--out", type=Path, required=True, help="folder for figures and report")
     parser.add_argument(
         "--paper-axes", action="store_true",
@@ -130,13 +130,13 @@ def _comparison_parser() -> Parser:
         description="Prints the differences of designs, sample by sample where the seeds agree,"
         " and whether two files have the same bits.",
     )
-    _add_common(parser, "+", "results files: the present design, then one or several others")
+    _add_common(parser, "results files: the present design, then one or several others")
     parser.add_argument("--out", type=Path, help="folder for tables and figures; none: only print")
     return parser
 
 
-def _add_common(parser: Parser, count: str | int, what: str) -> None:
-    parser.add_argument("results", type=Path, nargs=count, help=what)
+def _add_common(parser: Parser, what: str) -> None:
+    parser.add_argument("results", type=Path, nargs="+", help=what)
     parser.add_argument(
         "--style", action="append", default=[],
         help="a style of matplotlib over the one of the figures: a name, or a file (repeatable)",

@@ -23,6 +23,7 @@ from .bits import differences
 from .figures.figure import Figure
 from .figures.style import line_of_dof, of_rank, some_of
 from .output import InputError
+from .paper.evidence import WIDTH
 from .results import Case, Results
 from .table import Table, value_with_error
 
@@ -32,7 +33,6 @@ OF_RECORD = (
     "Where all samples have one force record, the scatter of the changes with the record is not"
     " included."
 )
-_NORMAL_95 = 1.96  # half width of a 95 % interval, in standard errors
 _SAME = "Both files have the same bits, except when, how long and on how many ranks they ran."
 _ROUNDING = 1.0e-12  # of numbers of samples that do not scatter, relative to them
 _REQUEST = (
@@ -303,7 +303,7 @@ def _draw_slip(pairs: Sequence[Pair], axes: Axes) -> None:
         change = mean_change(*slip, pair.is_paired)
         place = np.arange(1, len(change.change) + 1) + width * (rank - (len(pairs) - 1) / 2)
         look = of_rank(rank, len(pairs)) | {"linestyle": "none"}
-        bars = np.nan_to_num(_NORMAL_95 * 100.0 * change.error)
+        bars = np.nan_to_num(WIDTH * 100.0 * change.error)
         axes.errorbar(place, 100.0 * change.change, yerr=bars, capsize=2, label=pair.label, **look)
     axes.axhline(0.0, color="0.4", linewidth=0.8)
     axes.set(xlabel="joint", ylabel="change of the mean time in slip [percentage points]")
@@ -328,7 +328,7 @@ def _draw_spectra(pair: Pair, axes: Axes) -> None:
         change = _change(np.log(means[0]), np.log(means[1]), one, other, pair.is_paired)
         look = line_of_dof(dof, n_dof)
         axes.plot(frequency[:kept], np.exp(change.change), label=f"dof {dof}", **look)
-        reach = _NORMAL_95 * change.error
+        reach = WIDTH * change.error
         axes.fill_between(
             frequency[:kept], np.exp(change.change - reach), np.exp(change.change + reach),
             color=look["color"], alpha=0.15, linewidth=0.0,

@@ -63,3 +63,19 @@ def slip_mean_error(case: Case) -> Values:
     if case.has("slip_mean_time_error"):
         error = np.hypot(error, case.data["slip_mean_time_error"].values)
     return np.asarray(error, dtype=float)
+
+
+def slip_with_error(case: Case) -> tuple[Values, Values]:
+    """Slip fractions of the first sample, and the errors of these time averages.
+
+    The file has errors from the autocovariance of the time in slip. Where it has none, slips and
+    sticks are taken to have exponential durations: p (1 - p) sqrt(2/n) for a fraction p of n slips.
+    """
+    data = case.data.isel(sample=0)
+    slip = data["slip_fraction"].values.astype(float)
+    count = np.maximum(data["slip_starts"].values.astype(float), 1.0)
+    error = slip * (1.0 - slip) * np.sqrt(2.0 / count)
+    if "slip_fraction_error" in data:
+        measured = data["slip_fraction_error"].values.astype(float)
+        error = np.where(np.isfinite(measured), measured, error)
+    return slip, error

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from . import joints, sensitivity, tradeoff
-from .paper.deterministic_statements import slip_with_error
+from .joints import slip_with_error
 from .paper.evidence import Statement
 from .paper.printed import SLIP_HZ, SLIP_PERCENT, STDS, STUCK_HZ, is_paper_study
 from .processes import imposed_lengths, is_maximum_entropy
@@ -117,10 +117,6 @@ SOURCES: tuple[Callable[[Results], Iterator[Table]], ...] = (
 )  # fmt: skip
 
 
-def _paper_chain(results: Results) -> bool:
-    return results.structure is not None and is_paper_study(results)
-
-
 def table_frequencies(results: Results) -> Table:
     """Table 1: natural frequencies with every slider stuck, and with every slider slipping."""
     assert results.structure is not None
@@ -130,13 +126,13 @@ def table_frequencies(results: Results) -> Table:
         ("slipping", "frequencies_slip", SLIP_HZ),
     ):
         rows.append((name, *(f"{hz:.4f}" for hz in results.structure[dataset].values)))
-        if _paper_chain(results):
+        if is_paper_study(results):
             rows.append((f"{name}, paper", *(f"{hz:.2f}" for hz in paper)))
     modes = range(1, results.structure.sizes["mode"] + 1)
     note = "Eigenvalues to rounding; every digit of the paper's is met." if len(rows) > 2 else ""
     header, body = _upright("mode", modes, rows, "frequency [Hz]")
     title = "Natural frequencies [Hz]"
-    title = f"Table 1. {title}" if _paper_chain(results) else title
+    title = f"Table 1. {title}" if is_paper_study(results) else title
     return Table("table_1", title, header, body, note)
 
 
@@ -149,7 +145,7 @@ def table_slip(results: Results) -> Table:
         name = case.force
         ours = (value_with_error(100.0 * p, 100.0 * e) for p, e in zip(slip, error, strict=True))
         rows.append((name, *ours))
-        if case.variance in SLIP_PERCENT and _paper_chain(results):
+        if case.variance in SLIP_PERCENT and is_paper_study(results):
             paper = SLIP_PERCENT[case.variance]
             rows.append((f"{name}, paper", *(f"{p:d}" for p in paper)))
             rows += _with_random_friction(results, case.variance)

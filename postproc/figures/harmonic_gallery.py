@@ -26,8 +26,7 @@ def of_sines(results: Results) -> Iterator[Figure]:
 
 
 def _of_process(results: Results, sweeps: list[Sweep], process: str) -> Iterator[Figure]:
-    assert results.structure is not None
-    dof = int(np.argmax(np.abs(results.structure["load"].values[0]))) + 1
+    dof = results.forced_dof
     n_samples = sweeps[0].cases[0].n_samples
     name = "deterministic friction" if process == "none" else f"friction of {process}"
     band = (

@@ -13,8 +13,8 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from ..joints import OfJoints, slip_mean_error
-from ..paper.deterministic_statements import FULLY, slip_with_error
+from ..joints import OfJoints, slip_mean_error, slip_with_error
+from ..paper.deterministic_statements import FULLY
 from ..paper.evidence import WIDTH
 from ..paper.peaks import scatter_of_ln_psd
 from ..paper.slip_statements import ABOUT_03

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ..joints import slip_with_error
 from ..results import Case, Results
 from . import peaks
 from .evidence import NoEvidence, Statement, all_hold, any_holds, claim_larger, claim_range
@@ -159,22 +160,6 @@ def sweep(results: Results) -> Statement:
         " no fall of more than 0.01 between; errors of the time average",
         tuple(findings), all_hold(findings),
     )  # fmt: skip
-
-
-def slip_with_error(case: Case) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Slip fractions of the first sample and the errors of these time averages.
-
-    The file's, from the autocovariance of the time in slip; where it has none, that of slips and
-    sticks of exponential durations in turn: of a fraction p over n slips, p (1 - p) sqrt(2/n).
-    """
-    data = case.data.isel(sample=0)
-    slip = data["slip_fraction"].values.astype(float)
-    count = np.maximum(data["slip_starts"].values.astype(float), 1.0)
-    error = slip * (1.0 - slip) * np.sqrt(2.0 / count)
-    if "slip_fraction_error" in data:
-        measured = data["slip_fraction_error"].values.astype(float)
-        error = np.where(np.isfinite(measured), measured, error)
-    return slip, error
 
 
 ALL = (order_of_joints, peaks_at_low_level, peaks_at_high_level, weak_peaks_of_slip, sweep)

@@ -15,7 +15,7 @@ WIDTH = 1.959964  # standard errors to the ends of a 95 % interval
 
 
 class NoEvidence(Exception):
-    """The data have nothing that the claim speaks of."""
+    """The data lack what the claim is about."""
 
 
 class Verdict(StrEnum):
@@ -34,8 +34,8 @@ class Finding:
     estimate: float
     low: float
     high: float
-    p_for: float  # of a number at the edge of the claimed range showing itself so far inside
-    p_against: float  # of a number at that edge showing itself so far outside
+    p_for: float  # probability of an estimate this far inside, if the number is on the edge
+    p_against: float  # probability of an estimate this far outside, if the number is on the edge
 
 
 @dataclass(frozen=True)
@@ -66,25 +66,23 @@ class Statement:
 def claim_range(
     text: str, estimate: float, error: float, above: float = -inf, below: float = inf
 ) -> Finding:
-    """The claim above < number < below, of an estimate with a normal error."""
-    return Finding(
-        text, estimate, estimate - WIDTH * error, estimate + WIDTH * error,
-        p_for=max(_tail(estimate - above, error), _tail(below - estimate, error)),
-        p_against=min(_tail(above - estimate, error), _tail(estimate - below, error)),
-    )  # fmt: skip
+    """The claim above < number < below; the estimate has a normal error."""
+    p_for = max(_tail(estimate - above, error), _tail(below - estimate, error))
+    p_against = min(_tail(above - estimate, error), _tail(estimate - below, error))
+    return _normal(text, estimate, error, p_for, p_against)
 
 
 def claim_range_of_draws(
     text: str, draws: NDArray[np.float64], above: float = -inf, below: float = inf
 ) -> Finding:
-    """The same of draws that are near normal: the first is the estimate."""
+    """The same claim from nearly normal draws; the first one is the estimate."""
     return claim_range(text, float(draws[0]), float(draws[1:].std(ddof=1)), above, below)
 
 
 def claim_range_by_quantiles(
     text: str, draws: NDArray[np.float64], above: float = -inf, below: float = inf
 ) -> Finding:
-    """The same of draws that need not be normal, by their quantiles."""
+    """The same claim by the quantiles of draws of any law."""
     estimate, rest = float(draws[0]), draws[1:]
 
     def share(outside: NDArray[np.bool_]) -> float:
@@ -99,32 +97,32 @@ def claim_range_by_quantiles(
 
 
 def claim_difference(text: str, estimate: float, error: float, negligible: float) -> Finding:
-    """The claim of a difference, whichever its sign; against it speaks one surely negligible."""
-    return Finding(
-        text, estimate, estimate - WIDTH * error, estimate + WIDTH * error,
-        p_for=min(1.0, 2.0 * _tail(abs(estimate), error)),
-        p_against=_tail(negligible - abs(estimate), error),
-    )  # fmt: skip
+    """The claim of a difference of either sign; a surely negligible one speaks against it."""
+    p_for = min(1.0, 2.0 * _tail(abs(estimate), error))
+    return _normal(text, estimate, error, p_for, _tail(negligible - abs(estimate), error))
 
 
 def claim_larger(text: str, estimate: float, error: float, negligible: float) -> Finding:
-    """The claim of a difference above zero that is seen: against it one surely below negligible."""
-    clear = _tail(estimate, error) if estimate >= negligible else max(0.5, _tail(estimate, error))
-    return Finding(
-        text, estimate, estimate - WIDTH * error, estimate + WIDTH * error,
-        p_for=clear, p_against=_tail(negligible - estimate, error),
-    )  # fmt: skip
+    """The claim of a visible positive difference; a surely negligible one speaks against it."""
+    p_for = max(_tail(estimate, error), 0.0 if estimate >= negligible else 0.5)
+    return _normal(text, estimate, error, p_for, _tail(negligible - estimate, error))
+
+
+def _normal(text: str, estimate: float, error: float, p_for: float, p_against: float) -> Finding:
+    """The finding with the 95 % interval of a normal error."""
+    half = WIDTH * error
+    return Finding(text, estimate, estimate - half, estimate + half, p_for, p_against)
 
 
 def all_hold(findings: Sequence[Finding]) -> Judgement:
-    """Intersection-union test for the claim; one finding against it, Bonferroni, ends it."""
+    """All findings must hold (intersection-union test); one against refutes (Bonferroni)."""
     _require(findings)
     p_for = max(f.p_for for f in findings)
     return _judge(p_for, min(1.0, len(findings) * min(f.p_against for f in findings)))
 
 
 def any_holds(findings: Sequence[Finding]) -> Judgement:
-    """One finding, Bonferroni, makes the claim; against it all have to speak."""
+    """One finding confirms (Bonferroni); only all of them together refute."""
     _require(findings)
     p_for = min(1.0, len(findings) * min(f.p_for for f in findings))
     return _judge(p_for, max(f.p_against for f in findings))

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..joints import slip_with_error
 from ..processes import is_positive, length_of, order_of
 from ..results import Results
 from ..table import Table, value_with_error
-from .deterministic_statements import slip_with_error
 from .evidence import WIDTH, Statement
 from .printed import (
     GIVEN,

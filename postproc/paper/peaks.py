@@ -1,4 +1,4 @@
-"""How far a spectrum stands out at given frequencies, with the error of a Welch estimate."""
+"""Prominence of a spectrum at given frequencies, with the error of a Welch estimate."""
 
 from __future__ import annotations
 
@@ -21,30 +21,20 @@ def prominence_weights(
     frequency: NDArray[np.float64], peaks: Sequence[float] | NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Weights of ln psd (frequency): mean near the peaks less mean of their flanks, all peaks."""
-    weights = np.zeros(frequency.size)
-    for peak in peaks:
-        distance = np.abs(frequency - peak)
-        core, flank = distance <= CORE, (distance > CORE) & (distance <= FLANK)
-        if not (core.any() and flank.any()):
-            raise NoEvidence(f"the spectrum is too coarse for a peak at {peak:g} Hz")
-        weights += core / core.sum() - flank / flank.sum()
-    return weights / len(peaks)
+    each = [_weights(frequency, peak, (-1.0, 1.0)) for peak in peaks]
+    return np.asarray(np.sum(each, axis=0) / len(peaks))
 
 
 def local_maximum(
     frequency: NDArray[np.float64], ln_psd: NDArray[np.float64], peak: float, scatter: float
 ) -> Finding:
-    """The claim of a local maximum: the mean near the peak lies above those of both flanks.
+    """The claim of a local maximum: the mean near the peak is above that of either flank.
 
-    The number is the smaller rise; against the claim speaks one that is surely negative.
+    The number is the smaller rise; a surely negative rise speaks against the claim.
     """
     rises = []
     for side in (-1.0, 1.0):
-        distance = side * (frequency - peak)
-        core, flank = np.abs(distance) <= CORE, (distance > CORE) & (distance <= FLANK)
-        if not (core.any() and flank.any()):
-            raise NoEvidence(f"the spectrum is too coarse for a peak at {peak:g} Hz")
-        weights = core / core.sum() - flank / flank.sum()
+        weights = _weights(frequency, peak, (side,))
         error = error_of_sum(weights, scatter)
         rises.append(claim_range("", float(weights @ ln_psd), error, above=0.0))
     least = min(rises, key=lambda rise: rise.estimate)
@@ -53,10 +43,23 @@ def local_maximum(
     return replace(least, p_for=p_for, p_against=p_against)
 
 
+def _weights(
+    frequency: NDArray[np.float64], peak: float, sides: Sequence[float]
+) -> NDArray[np.float64]:
+    """Weights of ln psd (frequency): mean near a peak less mean of its flanks on these sides."""
+    offset = frequency - peak
+    distance = np.abs(offset)
+    core = distance <= CORE
+    flank = ~core & (distance <= FLANK) & np.isin(np.sign(offset), sides)
+    if not (core.any() and flank.any()):
+        raise NoEvidence(f"the spectrum is too coarse for a peak at {peak:g} Hz")
+    return np.asarray(core / core.sum() - flank / flank.sum())
+
+
 def nearest_maximum(
     frequency: NDArray[np.float64], ln_psd: NDArray[np.float64], peak: float
 ) -> float | None:
-    """The frequency [Hz] of the maximum of smoothed ln psd that lies nearest a peak."""
+    """Frequency [Hz] of the maximum of smoothed ln psd that is nearest to a peak."""
     smooth = np.convolve(ln_psd, np.ones(_SMOOTHED) / _SMOOTHED, mode="same")
     highest = [
         float(frequency[k]) for k in np.flatnonzero(np.abs(frequency / peak - 1.0) <= _SEARCHED)
