@@ -146,7 +146,7 @@ def _plot_errors(
                 _mark(axes, x_of(row), _height(row), index, status(row, MOST_POINTS))
     axes.axhline(MOST_POINTS, color="0.4", linewidth=0.8)
     decades = range(-10, 2, 2)
-    axes.set(yscale="log", ylabel="error of a slip fraction [points of %]",
+    axes.set(yscale="log", ylabel="error of a slip fraction [percentage points]",
              ylim=(_LEAST_POINTS / 3, 1e4),
              yticks=[_LEAST_POINTS, *(10.0**d for d in decades), _REFUSED_POINTS])  # fmt: skip
     axes.set_yticklabels(["less", *(f"$10^{{{d}}}$" for d in decades), "refused"])

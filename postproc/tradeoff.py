@@ -19,13 +19,13 @@ from .table import Table, rounded, value_with_error
 
 _FLOOR = 1e-13  # smaller errors are rounding, and stand on the lower edge
 _ERRORS = {
-    "slip": "error of a slip fraction [points of %]",
+    "slip": "error of a slip fraction [percentage points]",
     "band_ratio": "relative error of the band ratio",
 }
 _CHANGES = {  # from the highest order
-    "slip_mean": "mean slip [points of %]",
-    "slip_std": "std of slip [points of %]",
-    "band_ratio": "band ratio, relative",
+    "slip_mean": "change of mean slip [points]",
+    "slip_std": "change of its std [points]",
+    "band_ratio": "relative change, band ratio",
 }
 _COMPONENTS = {"discretisation": "discretisation", "time average": "time", "Monte Carlo": "samples"}
 _PUBLISHED = (
@@ -133,7 +133,7 @@ def plot_error_over_cost(axes: Axes, data: xr.Dataset, error: str) -> None:
     )  # fmt: skip
     axes.set(
         xscale="log", yscale="log", ylabel=_ERRORS[error],
-        xlabel="processor time of a sample-step [ns]",
+        xlabel="processor time of a step of a sample [ns]",
     )  # fmt: skip
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")

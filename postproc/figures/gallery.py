@@ -128,7 +128,6 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
         levels = ", ".join(named[strength] for strength in sorted(named))
         shown = style.some_of(sorted(named), _MOST_LEVELS)
         panels = [[c for c in cases if c.strength == level] for level in shown]
-        below = " One panel for each level, the smallest on top." if len(panels) > 1 else ""
         yield Figure(
             f"fig_10{letter}",
             f"Fig. 10{letter}. Band of uncertainty, {results.place} {dof}, {levels}",
@@ -137,7 +136,7 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             " together), for each correlation length. Vertical lines: natural frequencies with all"
             " joints stuck (full) and slipping (dotted). Look for the distance of the percentiles,"
             " the place of the mean between them, and peaks of the upper one at the dotted lines."
-            f"{below} {_welch(cases[0])}",
+            f" {_welch(cases[0])}",
             _STUDY,
             tuple(
                 partial(study_figures.plot_band, cases=own, dof=dof, results=results, framed=cases)

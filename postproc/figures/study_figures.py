@@ -41,7 +41,7 @@ def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
             label=f"{results.place} {dof}", **style.line_of_dof(dof, case.n_dof),
         )  # fmt: skip
     _mark_chain(axes, results)
-    _frame_spectrum(axes, spectrum["frequency"].values, spectrum.values, results)
+    _frame_spectrum(axes, spectrum["frequency"].values, spectrum.max("dof").values, results)
     _mark_scatter(axes, case)
 
 
@@ -100,8 +100,8 @@ def plot_band(
 ) -> None:
     """Fig. 10: mean (thick) and outer percentiles (thin) of the spectra of one mass.
 
-    Shaded: 95 % intervals of the percentiles, Monte Carlo and force record together. The range of
-    the axes is that of the cases `framed` too, which other panels draw.
+    Shaded: 95 % intervals of the percentiles, Monte Carlo and force record together. The axes
+    show the cases `framed`, which other panels draw, too.
     """
     named = looks.of_processes(sorted(cases, key=lambda case: case.correlation_length))
     for case in cases:
@@ -119,13 +119,14 @@ def plot_band(
             if case.has("psd_percentiles_low", "psd_percentiles_high"):
                 low, high = percentile_interval(case, dof, outer)
                 axes.fill_between(frequency, low, high, alpha=0.15, linewidth=0, color=colour)
-    values = [
-        case.data["psd_percentiles"].isel(dof=dof - 1).values[[0, -1]] for case in framed or cases
-    ]
+    last = {"dof": dof - 1, "percentile": -1}
+    highest = np.max([case.data["psd_percentiles"].isel(last) for case in framed or cases], axis=0)
     alike = [case.data.isel(dof=dof - 1) for case in cases]
-    _name_curves(axes, alike, _last_shown(frequency, results))
+    _name_curves(axes, alike, _last_shown(frequency, highest, results))
     _mark_chain(axes, results)
-    _frame_spectrum(axes, frequency, np.stack(values), results)
+    _frame_spectrum(axes, frequency, highest, results)
+    if len(framed) > len(cases):
+        axes.legend(title=looks.level_name(cases[0]), ncols=2)
 
 
 def percentile_interval(
@@ -262,7 +263,7 @@ def plot_spectra_along(axes: Axes, case: Case, results: Results) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(
         xlabel="frequency [Hz]", ylabel=results.place,
-        xlim=(0.0, _last_shown(frequency, results)),
+        xlim=(0.0, _last_shown(frequency, mean.max("dof").values, results)),
     )  # fmt: skip
 
 
@@ -296,7 +297,7 @@ def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> N
         axes.semilogy(spectrum["frequency"], spectrum, label=looks.level_name(case), **look)
         values.append(spectrum.values)
     _mark_chain(axes, results)
-    _frame_spectrum(axes, spectrum["frequency"].values, np.stack(values), results)
+    _frame_spectrum(axes, spectrum["frequency"].values, np.max(values, axis=0), results)
     per_variance = "variance [s⁴/Hz]" if cases[0].is_base else "variance [m²/(N² Hz)]"
     unit = per_variance if cases[0].variance else "factor² [m²/Hz]"
     axes.set_ylabel(f"power spectral density / {unit}")
@@ -324,22 +325,24 @@ def _mark_chain(axes: Axes, results: Results) -> None:
 
 
 def _frame_spectrum(
-    axes: Axes, frequency: NDArray[np.float64], values: NDArray[np.float64], results: Results
+    axes: Axes, frequency: NDArray[np.float64], highest: NDArray[np.float64], results: Results
 ) -> None:
-    positive = values[values > 0]
-    if positive.size:
-        top = 10 ** np.ceil(np.log10(positive.max()))
+    """Ranges that show all curves below `highest` (frequency)."""
+    if highest.max() > 0.0:
+        top = 10 ** np.ceil(np.log10(highest.max()))
         axes.set_ylim(top * 10**-_DECADES, top)
     axes.set(
         xlabel="frequency [Hz]", ylabel="power spectral density [m²/Hz]",
-        xlim=(0.0, _last_shown(frequency, results)),
+        xlim=(0.0, _last_shown(frequency, highest, results)),
     )  # fmt: skip
     axes.legend(ncols=2)
 
 
-def _last_shown(frequency: NDArray[np.float64], results: Results) -> float:
-    """The highest frequency drawn."""
-    last = float(frequency[-1])
+def _last_shown(
+    frequency: NDArray[np.float64], highest: NDArray[np.float64], results: Results
+) -> float:
+    """The highest frequency drawn: beyond it `highest` (frequency) has no power to be seen."""
+    last = float(frequency[highest >= highest.max() * 10**-_DECADES][-1])
     if results.structure is None:
         return last
     return min(last, _BEYOND_STUCK * float(results.structure["frequencies_stuck"][-1]))
