@@ -1,101 +1,102 @@
-!> Estimates of a regression joined with plain sampling's, and the errors they state: formulas (6),
-!> (8) and (9) of docs/regression.md.
+!> Weighted means of a regression's estimates and plain sampling's, and their standard errors:
+!> formulas (6), (8) and (9) of docs/regression.md.
 module statistics_blend
    use core_error, only: error_type
    use core_kinds, only: wp
-   use statistics_estimates, only: blank_estimates, estimates_type, stated_error
-   use statistics_law, only: error_of_points, law_type
+   use statistics_estimates, only: zero_estimates, estimates_type, stated_error
+   use statistics_influences, only: case_law_type
+   use statistics_law, only: error_of_points
    implicit none(type, external)
    private
-   public :: blend, join, state_error
+   public :: blend, combine, state_error
 
 contains
 
-   !> Joins the estimates of a regression, as far from the truth as the means of some functions are
-   !> over the points, with plain sampling's.
-   subroutine join(law, values, n_samples, surrogate, plain, least, both, error)
-      class(law_type), intent(in) :: law
-      real(wp), intent(in), contiguous :: values(:, :)    !! (point, output) of the functions
-      integer, intent(in) :: n_samples                    !! of the case
-      type(estimates_type), intent(in) :: surrogate
-      type(estimates_type), intent(inout) :: plain        !! its influences are enlarged as both's
-      real(wp), intent(in) :: least(:)                    !! (output) share of plain
-      type(estimates_type), intent(out) :: both
+   !> Blends the estimates of a regression with those of plain sampling and states their errors. The
+   !> error that the points of the law leave is that of the means of some functions over them.
+   subroutine combine(law, values, fitted, plain, least_share, blended, error)
+      type(case_law_type), intent(in) :: law
+      real(wp), intent(in), contiguous :: values(:, :)   !! (point, output) of the functions
+      type(estimates_type), intent(in) :: fitted         !! of the regression
+      type(estimates_type), intent(inout) :: plain       !! on return times the tail factor
+      real(wp), intent(in) :: least_share(:)             !! (output) least weight of plain sampling
+      type(estimates_type), intent(out) :: blended
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: of_points(size(least))
+      real(wp) :: point_error(size(least_share))
       integer :: o
 
-      call blend(surrogate, plain, least, both)
-      call error_of_points(law, values, of_points, error)
+      call blend(fitted, plain, least_share, blended)
+      call error_of_points(law, values, point_error, error)
       if (allocated(error)) return
-      allocate (both%stated(size(least)), both%ratio(size(least)))
-      do o = 1, size(least)
-         if (allocated(both%excess)) then
-            both%influence(:, o) = both%excess(1, o)*both%influence(:, o)
-            plain%influence(:, o) = both%excess(2, o)*plain%influence(:, o)
+      allocate (blended%error(size(least_share)), blended%ratio(size(least_share)))
+      do o = 1, size(least_share)
+         if (allocated(blended%tail_factor)) then
+            blended%influence(:, o) = blended%tail_factor(1, o)*blended%influence(:, o)
+            plain%influence(:, o) = blended%tail_factor(2, o)*plain%influence(:, o)
          end if
-         call state_error(of_points(o), n_samples, both%influence(:, o), both%bias(o), &
-                          plain%influence(:, o), 1.0_wp - both%share(o), both%stated(o), &
-                          both%ratio(o))
+         call state_error(point_error(o), law%n_samples, blended%influence(:, o), blended%bias(o), &
+                          plain%influence(:, o), 1.0_wp - blended%share(o), blended%error(o), &
+                          blended%ratio(o))
       end do
-   end subroutine join
+   end subroutine combine
 
-   !> Blends surrogate and plain estimates with the plain share of least variance, at least
-   !> `least`; 1 where plain sampling has no error. Both estimates are of the same samples,
-   !> correlated as their influences are; the plain one may have further samples at the end, which
-   !> belong to no surrogate.
-   pure subroutine blend(surrogate, plain, least, both)
-      type(estimates_type), intent(in) :: surrogate, plain
-      real(wp), intent(in) :: least(:)               !! (output) share of plain
-      type(estimates_type), intent(out) :: both
-      real(wp) :: share(size(least)), ours, theirs, common
+   !> Blends estimates of a regression and of plain sampling by the weights of least variance, but
+   !> at least `least_share` for plain sampling, and 1 where it has no error. Their covariance
+   !> follows from their influences. Plain sampling may have more samples, at the end.
+   pure subroutine blend(fitted, plain, least_share, blended)
+      type(estimates_type), intent(in) :: fitted, plain
+      real(wp), intent(in) :: least_share(:)   !! (output) least weight of plain sampling
+      type(estimates_type), intent(out) :: blended
+      real(wp) :: share(size(least_share)), fit_variance, plain_variance, covariance, denominator
       integer :: o
 
-      both = blank_estimates(size(plain%influence, 1), size(plain%value))
+      blended = zero_estimates(size(plain%influence, 1), size(plain%value))
       do o = 1, size(plain%value)
-         associate (n => size(surrogate%influence, 1), phi => surrogate%influence(:, o), &
+         associate (n => size(fitted%influence, 1), phi => fitted%influence(:, o), &
                     psi => plain%influence(:, o))
-            ours = sum(phi**2) + surrogate%bias(o)**2
-            theirs = sum(psi**2) + plain%bias(o)**2
-            common = sum(phi*psi(:n)) + surrogate%bias(o)*plain%bias(o)
-            share(o) = 1.0_wp
-            if (theirs > 0.0_wp) share(o) = &
-               max(least(o), min(1.0_wp, max(0.0_wp, (ours - common) &
-                                             /max(ours + theirs - 2.0_wp*common, tiny(ours)))))
-            both%influence(:, o) = share(o)*psi
-            both%influence(:n, o) = both%influence(:n, o) + (1.0_wp - share(o))*phi
+            fit_variance = sum(phi**2) + fitted%bias(o)**2
+            plain_variance = sum(psi**2) + plain%bias(o)**2
+            covariance = sum(phi*psi(:n)) + fitted%bias(o)*plain%bias(o)
+            denominator = max(fit_variance + plain_variance - 2.0_wp*covariance, tiny(covariance))
+            share(o) = max(least_share(o), &
+                           min(1.0_wp, max(0.0_wp, (fit_variance - covariance)/denominator)))
+            if (.not. plain_variance > 0.0_wp) share(o) = 1.0_wp
+            blended%influence(:, o) = share(o)*psi
+            blended%influence(:n, o) = blended%influence(:n, o) + (1.0_wp - share(o))*phi
          end associate
       end do
-      both%share = share
-      both%value = (1.0_wp - share)*surrogate%value + share*plain%value
-      both%bias = (1.0_wp - share)*surrogate%bias + share*plain%bias
+      blended%share = share
+      blended%value = (1.0_wp - share)*fitted%value + share*plain%value
+      blended%bias = (1.0_wp - share)*fitted%bias + share*plain%bias
       if (allocated(plain%stretch)) &
-         both%stretch = 1.0_wp + spread(share, 1, 2)*(plain%stretch - 1.0_wp)
-      if (allocated(surrogate%excess)) then
-         both%excess = surrogate%excess
-         both%excess(1, :) = (1.0_wp - share)*both%excess(1, :) + share*both%excess(2, :)
-         if (size(plain%influence, 1) > size(surrogate%influence, 1)) both%excess = 1.0_wp
+         blended%stretch = 1.0_wp + spread(share, 1, 2)*(plain%stretch - 1.0_wp)
+      if (allocated(fitted%tail_factor)) then
+         blended%tail_factor = fitted%tail_factor
+         associate (factor => blended%tail_factor)
+            factor(1, :) = (1.0_wp - share)*factor(1, :) + share*factor(2, :)
+         end associate
+         if (size(plain%influence, 1) > size(fitted%influence, 1)) blended%tail_factor = 1.0_wp
       end if
    end subroutine blend
 
-   !> States the error of the regression and of the points of the law for its share of the estimate,
-   !> and how much larger plain sampling's is.
-   pure subroutine state_error(of_points, n_samples, influence, bias, of_plain, share, stated, &
-                               ratio)
-      real(wp), intent(in) :: of_points                  !! standard error that the points leave
+   !> Computes the standard error of an estimate, from its influences and the points of the law, and
+   !> that of plain sampling over it.
+   pure subroutine state_error(point_error, n_samples, influence, bias, plain_influence, share, &
+                               error, ratio)
+      real(wp), intent(in) :: point_error   !! standard error of the regression by the points
       integer, intent(in) :: n_samples
-      real(wp), intent(in), contiguous :: influence(:)   !! (sample) of the estimate
+      real(wp), intent(in), contiguous :: influence(:)   !! (sample) on the estimate
       real(wp), intent(in) :: bias
-      real(wp), intent(in), contiguous :: of_plain(:)    !! (sample) influences of plain sampling
-      real(wp), intent(in) :: share                      !! of the regression
-      real(wp), intent(out) :: stated, ratio
-      real(wp) :: plain
+      real(wp), intent(in), contiguous :: plain_influence(:)   !! (sample) on plain sampling's
+      real(wp), intent(in) :: share                      !! weight of the regression
+      real(wp), intent(out) :: error, ratio
+      real(wp) :: plain_error
 
-      plain = stated_error(of_plain, 0.0_wp, n_samples)
-      stated = plain
-      if (share > 0.0_wp) stated = hypot(stated_error(influence, bias, n_samples), share*of_points)
+      plain_error = stated_error(plain_influence, 0.0_wp, n_samples)
+      error = plain_error
+      if (share > 0.0_wp) error = hypot(stated_error(influence, bias, n_samples), share*point_error)
       ratio = 1.0_wp
-      if (stated > 0.0_wp) ratio = plain/stated
+      if (error > 0.0_wp) ratio = plain_error/error
    end subroutine state_error
 
 end module statistics_blend

@@ -1,69 +1,70 @@
-!> Estimates that know what each sample contributes to their error, and those of plain sampling:
-!> formulas (4), (10) and (11) of docs/regression.md.
+!> Estimates of statistics with the influence of each sample on them, from which their standard
+!> errors follow; and those of plain sampling. Formulas (4), (10) and (11) of docs/regression.md.
 module statistics_estimates
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
    use statistics_order, only: at_rank
    implicit none(type, external)
    private
-   public :: statistic_type, numbers_of_statistic, estimates_type, blank_estimates, &
-             downward_error, end_beyond, inverse_density, plain_deviation, plain_mean, &
-             plain_percentile, stated_error, student_factor, two_sided, uncross, upward_error
+   public :: downward_error, end_beyond, estimates_type, inverse_density, nonnegative_statistic, &
+             numbers_of_statistic, plain_deviation, plain_mean, plain_percentile, stated_error, &
+             statistic_type, student_factor, two_sided, uncross, upward_error, zero_estimates
 
-   real(wp), parameter :: two_sided = 1.959964_wp   !! standard errors of a 95 % interval
-   real(wp), parameter :: least_stretch = 0.5_wp   !! where samples tie; a blend with a fit does not
-   real(wp), parameter :: largest_relative = 1.0_wp    !! error that is taken as one of a logarithm
-   real(wp), parameter :: fewest_freedoms = 3.0_wp     !! of Student's law
+   real(wp), parameter :: two_sided = 1.959964_wp   !! half of a normal 95 % interval, over sigma
+   real(wp), parameter :: least_stretch = 0.5_wp    !! lower limit of stretch, where samples tie
+   real(wp), parameter :: largest_relative_error = 1.0_wp   !! upper limit in upward_error
+   real(wp), parameter :: fewest_degrees = 3.0_wp   !! lower limit of the degrees of freedom
 
-   !> A statistic over the samples of a case, with what is known of its error: a standard error, or,
-   !> of a percentile, a 95 % interval.
+   !> Statistic over the samples of a case, with its standard error or, for a percentile, its 95 %
+   !> interval.
    type :: statistic_type
       real(wp) :: value = 0.0_wp
       real(wp) :: error = 0.0_wp                   !! standard error
       real(wp) :: low = 0.0_wp, high = 0.0_wp      !! ends of the interval
-      real(wp) :: ratio = 1.0_wp                   !! plain sampling's error over that of value
+      real(wp) :: ratio = 1.0_wp                   !! plain sampling's error over this one
    end type statistic_type
    integer, parameter :: numbers_of_statistic = storage_size(statistic_type())/storage_size(1.0_wp)
 
-   !> Several outputs estimated from the same samples.
+   !> Estimates of one statistic for several outputs, from the same samples.
    type :: estimates_type
       real(wp), allocatable :: value(:)          !! (output)
-      real(wp), allocatable :: influence(:, :)   !! (sample, output)
-      real(wp), allocatable :: bias(:)           !! (output) allowance for value minus truth
-      real(wp), allocatable :: kappa(:)          !! (output) influences are divided by kappa^(1/4)
-      !> (fit or plain sampling, output) by how much the influences are too small where the samples
-      !> lack a tail of the law that the fit knows; absent: 1
-      real(wp), allocatable :: excess(:, :)
-      !> (down or up, output) how far an interval reaches, over what the standard error says;
-      !> absent: 1
+      real(wp), allocatable :: influence(:, :)   !! (sample, output) of formula (4)
+      real(wp), allocatable :: bias(:)           !! (output) estimate of value minus truth
+      real(wp), allocatable :: kappa(:)          !! (output) of formula (7)
+      !> (fit or plain sampling, output) factor on the influences for tails of the law that the
+      !> samples lack, formula (8); unallocated: 1
+      real(wp), allocatable :: tail_factor(:, :)
+      !> (down or up, output) length of either side of an interval over that of a normal law with
+      !> this standard error; unallocated: 1
       real(wp), allocatable :: stretch(:, :)
-      !> (output) of a join: plain sampling's share; standard error, plain sampling's over it
-      real(wp), allocatable :: share(:), stated(:), ratio(:)
+      !> (output) blended estimates alone: weight of plain sampling; standard error; plain
+      !> sampling's standard error over it
+      real(wp), allocatable :: share(:), error(:), ratio(:)
    end type estimates_type
 
 contains
 
-   !> Mean over samples.
+   !> Mean over the samples.
    pure function plain_mean(y) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, output)
       type(estimates_type) :: plain
       integer :: o
 
-      plain = blank_estimates(size(y, 1), size(y, 2))
+      plain = zero_estimates(size(y, 1), size(y, 2))
       do o = 1, size(y, 2)
          plain%value(o) = sum(y(:, o))/size(y, 1)
          plain%influence(:, o) = (y(:, o) - plain%value(o))/size(y, 1)
       end do
    end function plain_mean
 
-   !> Standard deviation, n - 1 in the denominator.
+   !> Standard deviation over the samples, with n - 1 in the denominator.
    pure function plain_deviation(y) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, output), two samples or more
       type(estimates_type) :: plain
       real(wp) :: square(size(y, 1)), variance
       integer :: o
 
-      plain = blank_estimates(size(y, 1), size(y, 2))
+      plain = zero_estimates(size(y, 1), size(y, 2))
       do o = 1, size(y, 2)
          square = (y(:, o) - sum(y(:, o))/size(y, 1))**2
          variance = sum(square)/(size(y, 1) - 1)
@@ -74,21 +75,21 @@ contains
       end do
    end function plain_deviation
 
-   !> Percentile between order statistics (Hyndman and Fan, type 7). The density comes from those
-   !> one binomial standard deviation of the rank to both sides; the interval ends at those
-   !> two-sided 95 % of it away; where there are none, at as many standard errors with Student's
-   !> factor.
+   !> Percentile over the samples, interpolated between order statistics (Hyndman and Fan, type 7).
+   !> The rank has the standard deviation r = sqrt(p (1 - p) n) of the binomial law. The density
+   !> follows from the order statistics r ranks below and above; the interval ends at those 1.96 r
+   !> ranks away or, without such samples, 1.96 standard errors times Student's factor away.
    pure function plain_percentile(y, p, ranking) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, output)
-      real(wp), intent(in) :: p         !! share of the law below
-      integer, intent(in), optional :: ranking(:, :)   !! (rank, output) samples, where known
+      real(wp), intent(in) :: p         !! share of the law below the percentile
+      integer, intent(in), optional :: ranking(:, :)   !! (rank, output) samples; else computed
       type(estimates_type) :: plain
       real(wp) :: sorted(size(y, 1)), factor, rank, reach, scatter, slope
-      logical :: has_ends(2)   ! order statistics where the interval ends
+      logical :: has_ends(2)   ! order statistics exist where the interval ends
       integer :: n, o
 
       n = size(y, 1)
-      plain = blank_estimates(n, size(y, 2))
+      plain = zero_estimates(n, size(y, 2))
       allocate (plain%stretch(2, size(y, 2)), source=1.0_wp)
       rank = 1.0_wp + p*(n - 1)
       scatter = sqrt(p*(1.0_wp - p)*n)
@@ -104,23 +105,23 @@ contains
          slope = slope_between(sorted, rank - scatter, rank + scatter)
          plain%influence(:, o) = slope*merge(p - 1.0_wp, p, y(:, o) <= plain%value(o))
          plain%influence(:, o) = plain%influence(:, o) - sum(plain%influence(:, o))/n
-         ! the law's share below the order statistic of a rank is rank/(n + 1) in the mean; that
-         ! scatters, and the quantile bends
+         ! a share rank/(n + 1) of the law is expected below an order statistic, and not p; its
+         ! scatter r/n makes a further bias, half of the quantile's second derivative times r^2
          plain%bias(o) = n*slope*(rank/(n + 1) - p)
          if (reach > 0.0_wp) plain%bias(o) = plain%bias(o) + 0.5_wp*(scatter/reach)**2 &
                                              *(at_rank(sorted, rank + reach) - plain%value(o) &
                                                + at_rank(sorted, rank - reach) - plain%value(o))
          if (.not. slope > 0.0_wp) cycle
-         factor = 1.0_wp/student_factor(freedoms_of(plain%influence(:, o), &
-                                                    sum_of_squares(plain%influence(:, o))))
+         factor = 1.0_wp/student_factor(effective_degrees(plain%influence(:, o), &
+                                                          sum_of_squares(plain%influence(:, o))))
          plain%stretch(:, o) = max(least_stretch, merge(factor, 1.0_wp, has_ends) &
                                    *[slope_between(sorted, rank - two_sided*scatter, rank), &
                                      slope_between(sorted, rank, rank + two_sided*scatter)]/slope)
       end do
    end function plain_percentile
 
-   !> Puts estimates of ascending percentiles, and the ends of their intervals, into ascending
-   !> order: that brings them nearer to the truth (Chernozhukov, Fernandez-Val and Galichon 2010).
+   !> Sorts estimates of ascending percentiles, and the ends of their intervals, into ascending
+   !> order, which reduces their errors (Chernozhukov, Fernandez-Val and Galichon 2010).
    pure subroutine uncross(percentiles)
       type(statistic_type), intent(inout) :: percentiles(:)
 
@@ -131,12 +132,12 @@ contains
       end associate
    end subroutine uncross
 
-   !> End of the interval of a percentile of numbers that are not negative where no order statistic
-   !> is far enough out. Of their roots it is the farther of two: as many standard errors away, with
-   !> Student's factor; and the tolerance limit of a normal law.
+   !> End of a percentile's interval where no order statistic is far enough out. The values are not
+   !> negative; their roots have two limits, of which the farther one is taken: 1.96 standard errors
+   !> times Student's factor away, and the tolerance limit of a normal law.
    pure function end_beyond(sorted, p, is_upper) result(value)
       real(wp), intent(in) :: sorted(:)   !! ascending
-      real(wp), intent(in) :: p           !! share of the law below
+      real(wp), intent(in) :: p           !! share of the law below the percentile
       logical, intent(in) :: is_upper
       real(wp) :: value
       type(estimates_type) :: root
@@ -157,8 +158,8 @@ contains
       end if
    end function end_beyond
 
-   !> Standard deviations of n normal values from their mean to the limit below which the share p of
-   !> their law lies with probability 0.975 (Natrella 1963, 2-13); for n = 2 as for 3.
+   !> Factor k of a one-sided normal tolerance limit: a share p of the law lies below mean + k std,
+   !> both of n values, with probability 0.975 (Natrella 1963, 2-13). For n = 2 that of 3.
    pure real(wp) function tolerance_factor(n, p)
       integer, intent(in) :: n
       real(wp), intent(in) :: p
@@ -170,7 +171,7 @@ contains
       tolerance_factor = (z + sqrt(z**2 - a*b))/a
    end function tolerance_factor
 
-   !> The value below which the share p of the normal law lies, to 4.5e-4 (Abramowitz and Stegun
+   !> Quantile of the standard normal law at probability p, to 4.5e-4 (Abramowitz and Stegun
    !> 26.2.23).
    pure real(wp) function normal_point(p)
       real(wp), intent(in) :: p
@@ -182,35 +183,36 @@ contains
       if (p < 0.5_wp) normal_point = -normal_point
    end function normal_point
 
-   !> Mean difference of neighbouring order statistics between two ranks, as far as there are any.
+   !> Mean difference of neighbouring order statistics between two ranks, which are moved into 1..n.
    pure real(wp) function slope_between(sorted, low, high)
       real(wp), intent(in) :: sorted(:), low, high
-      real(wp) :: first, last
+      real(wp) :: lowest, highest
 
-      first = max(low, 1.0_wp)
-      last = min(high, real(size(sorted), wp))
-      slope_between = (at_rank(sorted, last) - at_rank(sorted, first))/(last - first)
+      lowest = max(low, 1.0_wp)
+      highest = min(high, real(size(sorted), wp))
+      slope_between = (at_rank(sorted, highest) - at_rank(sorted, lowest))/(highest - lowest)
    end function slope_between
 
-   !> Estimates of zero without errors.
-   pure function blank_estimates(n, n_out) result(blank)
+   !> Estimates that are zero, with influences and biases of zero.
+   pure function zero_estimates(n, n_out) result(estimates)
       integer, intent(in) :: n, n_out   !! samples, outputs
-      type(estimates_type) :: blank
+      type(estimates_type) :: estimates
 
-      allocate (blank%value(n_out), blank%bias(n_out), source=0.0_wp)
-      allocate (blank%influence(n, n_out), source=0.0_wp)
-   end function blank_estimates
+      allocate (estimates%value(n_out), estimates%bias(n_out), source=0.0_wp)
+      allocate (estimates%influence(n, n_out), source=0.0_wp)
+   end function zero_estimates
 
-   !> 1/density at a percentile, from the influences of plain sampling on it.
+   !> 1/density at a percentile, from the influences of plain sampling.
    pure real(wp) function inverse_density(influence, n_samples, p)
       real(wp), intent(in), contiguous :: influence(:)   !! (sample)
       integer, intent(in) :: n_samples                   !! of the case
-      real(wp), intent(in) :: p                          !! share of the law below
+      real(wp), intent(in) :: p                          !! share of the law below the percentile
 
       inverse_density = sqrt(n_samples*sum_of_squares(influence)/(p*(1.0_wp - p)))
    end function inverse_density
 
-   !> Standard error of one output.
+   !> Standard error of one output: root of Student's factor squared times the sum of squared
+   !> influences times n/(n - 1), plus the bias squared; formula (10).
    pure function stated_error(influence, bias, n_samples) result(error)
       real(wp), intent(in), contiguous :: influence(:)   !! (sample)
       real(wp), intent(in) :: bias
@@ -220,11 +222,11 @@ contains
 
       square = sum_of_squares(influence)
       error = abs(bias)
-      if (square > 0.0_wp) error = hypot(student_factor(freedoms_of(influence, square)) &
+      if (square > 0.0_wp) error = hypot(student_factor(effective_degrees(influence, square)) &
                                          *sqrt(square*n_samples/(n_samples - 1.0_wp)), bias)
    end function stated_error
 
-   !> Sum of squares, in whole vectors.
+   !> Sum of squares.
    pure real(wp) function sum_of_squares(values) result(total)
       real(wp), intent(in), contiguous :: values(:)
       integer :: i
@@ -236,8 +238,8 @@ contains
       end do
    end function sum_of_squares
 
-   !> Degrees of freedom of an error: (sum of squares)^2/(sum of fourth powers).
-   pure real(wp) function freedoms_of(influence, square)
+   !> Effective degrees of freedom of an error, (sum of squares)^2/(sum of fourth powers).
+   pure real(wp) function effective_degrees(influence, square)
       real(wp), intent(in), contiguous :: influence(:)   !! (sample), not all 0
       real(wp), intent(in) :: square                     !! sum of their squares
       real(wp) :: fourth, scale
@@ -249,35 +251,42 @@ contains
       do i = 1, size(influence)
          fourth = fourth + (scale*influence(i))**4
       end do
-      freedoms_of = 1.0_wp/fourth
-   end function freedoms_of
+      effective_degrees = 1.0_wp/fourth
+   end function effective_degrees
 
-   !> The standard error of a number that is not negative, such that 1.96 of it reach as far as
-   !> those of its logarithm do upwards: where the large samples that carry it are missing, the
-   !> number and its error are both too small.
+   !> Standard error e' of a value that is not negative with value + 1.96 e' = value
+   !> exp(1.96 error/value), the upper end of the interval of its logarithm. Where the few large
+   !> samples that carry the value are missing, it and its error are both too small.
    elemental real(wp) function upward_error(value, error)
-      real(wp), intent(in) :: value, error   !! standard
+      real(wp), intent(in) :: value, error
       real(wp) :: relative
 
       upward_error = error
-      relative = two_sided*min(error, largest_relative*value)/max(value, tiny(value))
+      relative = two_sided*min(error, largest_relative_error*value)/max(value, tiny(value))
       if (relative > 0.0_wp) upward_error = error*(exp(relative) - 1.0_wp)/relative
    end function upward_error
 
-   !> The same downwards: it is smaller.
+   !> Statistic that is not negative: its standard error is that of upward_error.
+   elemental type(statistic_type) function nonnegative_statistic(value, error, ratio)
+      real(wp), intent(in) :: value, error, ratio   !! as in statistic_type
+
+      nonnegative_statistic = statistic_type(value, upward_error(value, error), ratio=ratio)
+   end function nonnegative_statistic
+
+   !> Standard error e' with value - 1.96 e' = value exp(-1.96 error/value).
    elemental real(wp) function downward_error(value, error)
-      real(wp), intent(in) :: value, error   !! standard
+      real(wp), intent(in) :: value, error
 
       downward_error = value*(1.0_wp - exp(-two_sided*error/max(value, tiny(value))))/two_sided
    end function downward_error
 
-   !> Two-sided 95 % point of Student's law over that of the normal one, by the expansion of Cornish
-   !> and Fisher to 1/v^3 (Abramowitz and Stegun 26.7.5): 3 % low at v = 3.
-   elemental real(wp) function student_factor(freedoms)
-      real(wp), intent(in) :: freedoms
+   !> Two-sided 95 % point of Student's law with v degrees of freedom over that of the normal law:
+   !> expansion to 1/v^3 of Abramowitz and Stegun 26.7.5, 3 % too small at v = 3.
+   elemental real(wp) function student_factor(degrees)
+      real(wp), intent(in) :: degrees
       real(wp) :: v
 
-      v = max(freedoms, fewest_freedoms)
+      v = max(degrees, fewest_degrees)
       associate (z => two_sided)
          student_factor = 1.0_wp + (z**2 + 1.0_wp)/(4*v) + (5*z**4 + 16*z**2 + 3.0_wp)/(96*v**2) &
                           + (3*z**6 + 19*z**4 + 17*z**2 - 15.0_wp)/(384*v**3)

@@ -1,91 +1,101 @@
-!> Influences of samples on averages of a fit G over a law, and the variance that they make:
-!> formulas (4), (7) and (8) of docs/regression.md.
+!> Influences of the samples on averages of a fit G over the law of a case, and the factors on them
+!> for pairs of samples and for tails of the law: formulas (4), (7) and (8) of docs/regression.md.
 module statistics_influences
+   use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_lapack, only: multiply
    use statistics_estimates, only: estimates_type
-   use statistics_law, only: law_type
-   use statistics_surrogate, only: find_squares, fit_type, rows_of, surrogate_type
+   use statistics_law, only: choose_points, law_type, n_points
+   use statistics_pool, only: pool_type
+   use statistics_surrogate, only: find_feature_squares, fit_type, find_kernel_rows, surrogate_type
    implicit none(type, external)
    private
-   public :: view_type, excess_of, find_weights, kappa_of, scale_influences, thin_view, view_law, &
-             weigh_residuals, width_of, width_of_densities
+   public :: case_law_type, density_tail_ratio, find_influences, find_weights, kappa_of, &
+             prepare_law, prepare_thin_points, scale_by_pairs, tail_factors, tail_ratio
 
-   integer, parameter, public :: thinning = 4   !! of the points for means of exponentials
-   real(wp), parameter :: widest = 3.0_wp   !! E that is allowed for
+   !> means of exponentials have the variance of G from every 4th point
+   integer, parameter, public :: thinning = 4
+   real(wp), parameter :: largest_ratio = 3.0_wp   !! upper limit of E
 
-   !> A law as a surrogate sees it, and which of the samples were drawn from it.
-   type, extends(law_type) :: view_type
-      real(wp), allocatable :: rows(:, :)       !! (landmark, point) of the kernel
-      integer :: first = 0, last = 0            !! samples of the law
-      !> Rows of some points (thin_view), squares of their features (feature, point), and what these
-      !> leave of k(x, x) (point).
-      real(wp), allocatable :: some_rows(:, :), some_square(:, :), rest(:)
-   end type view_type
+   !> Law of a case: its points, the kernel at them, and the samples that were drawn from it.
+   type, extends(law_type) :: case_law_type
+      real(wp), allocatable :: rows(:, :)       !! (landmark, point) kernel
+      integer :: first = 0, last = 0            !! samples of the case in the pool
+      integer :: n_samples = 0                  !! samples of the case, in the pool and beyond
+      real(wp), allocatable :: thin_rows(:, :)     !! (landmark, every 4th point) kernel
+      real(wp), allocatable :: thin_square(:, :)   !! (feature, every 4th point) phi_k^2
+      real(wp), allocatable :: thin_rest(:)        !! (every 4th point) rest of formula (5)
+   end type case_law_type
 
 contains
 
-   !> Computes the kernel of a surrogate at the points of the law.
-   subroutine view_law(surrogate, first, last, view)
+   !> Chooses the points of a case's law and computes the kernel between the landmarks and them.
+   subroutine prepare_law(pool, case_number, surrogate, law, error)
+      type(pool_type), intent(in) :: pool
+      integer, intent(in) :: case_number
       type(surrogate_type), intent(in) :: surrogate
-      integer, intent(in) :: first, last
-      type(view_type), intent(inout) :: view   !! the memory of another law's rows serves again
+      type(case_law_type), intent(inout) :: law   !! memory of earlier rows is used again
+      type(error_type), allocatable, intent(out) :: error
 
-      call rows_of(surrogate, view%x, view%rows)
-      view%first = first
-      view%last = last
-   end subroutine view_law
+      law%first = pool%first(case_number)
+      law%last = pool%first(case_number + 1) - 1
+      law%n_samples = pool%n_samples(case_number)
+      call choose_points(pool%draws(case_number), surrogate%direction, n_points, law%law_type, &
+                         error)
+      if (.not. allocated(error)) call find_kernel_rows(surrogate, law%x, law%rows)
+   end subroutine prepare_law
 
-   !> Adds what means of exponentials need of some points.
-   subroutine thin_view(surrogate, view)
+   !> Adds kernel, squared features and rest at every 4th point, for means of exponentials.
+   subroutine prepare_thin_points(surrogate, law)
       type(surrogate_type), intent(in) :: surrogate
-      type(view_type), intent(inout) :: view
+      type(case_law_type), intent(inout) :: law
 
-      view%some_rows = view%rows(:, ::thinning)
-      call find_squares(surrogate, view%x(::thinning, :), view%some_rows, view%some_square, &
-                        view%rest)
-   end subroutine thin_view
+      law%thin_rows = law%rows(:, ::thinning)
+      call find_feature_squares(surrogate, law%x(::thinning, :), law%thin_rows, law%thin_square, &
+                                law%thin_rest)
+   end subroutine prepare_thin_points
 
-   !> E: variance of a function of G over the law relative to that over the samples, by predictions
-   !> of both; at least 1, at most 3. A fit lacks a tail that neither the case's samples nor the
-   !> pool's have, plain sampling one that the case's do not.
-   pure function width_of(view, values, predicted) result(width)
-      type(view_type), intent(in) :: view
-      real(wp), intent(in), contiguous :: values(:)      !! (point)
-      real(wp), intent(in), contiguous :: predicted(:)   !! (sample)
-      real(wp) :: width(2)                               !! of the fit, of plain sampling
-      real(wp) :: mean, of_own, of_pool, over_law
+   !> E of formula (8): variance of a function of G over the law relative to that over the samples,
+   !> within 1..3. The samples are those of the case for plain sampling; for the fit those of the
+   !> case or the pool, whichever have more variance.
+   pure function tail_ratio(law, values, predicted) result(ratio)
+      type(case_law_type), intent(in) :: law
+      real(wp), intent(in), contiguous :: values(:)      !! (point) function of G
+      real(wp), intent(in), contiguous :: predicted(:)   !! (sample) the same, leave-one-out
+      real(wp) :: ratio(2)                               !! for the fit, for plain sampling
+      real(wp) :: mean, own_variance, pool_variance, law_variance
       integer :: m
 
       mean = 0.0_wp
-      over_law = 0.0_wp
-      !$omp simd reduction(+:mean, over_law)
+      law_variance = 0.0_wp
+      !$omp simd reduction(+:mean, law_variance)
       do m = 1, size(values)
-         mean = mean + view%weight(m)*values(m)
-         over_law = over_law + view%weight(m)*values(m)**2
+         mean = mean + law%weight(m)*values(m)
+         law_variance = law_variance + law%weight(m)*values(m)**2
       end do
-      over_law = over_law - mean**2
-      of_own = variance(predicted(view%first:view%last))
-      of_pool = max(of_own, variance(predicted))
-      width = 1.0_wp
-      if (of_own > 0.0_wp) &
-         width = max(1.0_wp, min(over_law/[of_pool, of_own], widest))
-   end function width_of
+      law_variance = law_variance - mean**2
+      own_variance = variance(predicted(law%first:law%last))
+      pool_variance = max(own_variance, variance(predicted))
+      ratio = 1.0_wp
+      if (own_variance > 0.0_wp) &
+         ratio = max(1.0_wp, min(law_variance/[pool_variance, own_variance], largest_ratio))
+   end function tail_ratio
 
-   !> E of a mean density: its variance over the law, by G and the variance v of G, relative to that
-   !> over the case's samples, each over the square of its mean.
-   pure real(wp) function width_of_densities(weight, share, growth, y) result(width)
-      real(wp), intent(in), contiguous :: weight(:)   !! (some of the points) their sum is 1
-      real(wp), intent(in), contiguous :: share(:)    !! (point) in the mean of exp(G), sum 1
+   !> E of a mean density, formula (8): relative variance of exp(G) over the law, with the variance
+   !> v of G, over that of the case's samples; within 1..3.
+   pure real(wp) function density_tail_ratio(weight, share, growth, y) result(ratio)
+      real(wp), intent(in), contiguous :: weight(:)   !! (point), their sum is 1
+      real(wp), intent(in), contiguous :: share(:)    !! (point) weight*exp(G) over its sum
       real(wp), intent(in), contiguous :: growth(:)   !! (point) exp(v/2)
-      real(wp), intent(in), contiguous :: y(:)        !! (own sample)
-      real(wp) :: of_samples, over_law
+      real(wp), intent(in), contiguous :: y(:)        !! (sample of the case)
+      real(wp) :: sample_variance, law_variance
 
-      of_samples = variance(y)/(sum(y)/size(y))**2
-      over_law = sum(share**2/weight*growth**4)/dot_product(share, growth)**2 - 1.0_wp
-      width = 1.0_wp
-      if (of_samples > 0.0_wp) width = max(1.0_wp, min(over_law/of_samples, widest))
-   end function width_of_densities
+      sample_variance = variance(y)/(sum(y)/size(y))**2
+      law_variance = sum(share**2/weight*growth**4)/dot_product(share, growth)**2 - 1.0_wp
+      ratio = 1.0_wp
+      if (sample_variance > 0.0_wp) &
+         ratio = max(1.0_wp, min(law_variance/sample_variance, largest_ratio))
+   end function density_tail_ratio
 
    pure real(wp) function variance(values)
       real(wp), intent(in) :: values(:)
@@ -93,22 +103,22 @@ contains
       variance = sum((values - sum(values)/size(values))**2)/(size(values) - 1)
    end function variance
 
-   !> Roots of what a law wider than its samples makes of the variances J/sqrt(kappa) and of plain
-   !> sampling.
-   pure function excess_of(factor, kappa) result(excess)
-      real(wp), intent(in) :: factor(2)   !! F of the fit, of plain sampling
+   !> Factors on standard errors that turn the variance J/sqrt(kappa) of a fit into
+   !> J (1/sqrt(kappa) + F - 1), and J of plain sampling into F J.
+   pure function tail_factors(factor, kappa) result(tail_factor)
+      real(wp), intent(in) :: factor(2)   !! F for the fit, for plain sampling
       real(wp), intent(in) :: kappa
-      real(wp) :: excess(2)               !! of the fit, of plain sampling
+      real(wp) :: tail_factor(2)          !! for the fit, for plain sampling
 
-      excess = sqrt([1.0_wp + sqrt(kappa)*(factor(1) - 1.0_wp), factor(2)])
-   end function excess_of
+      tail_factor = sqrt([1.0_wp + sqrt(kappa)*(factor(1) - 1.0_wp), factor(2)])
+   end function tail_factors
 
-   !> Computes the weights of the samples' residuals in averages of G, constant/n + sum_k V_ik s_k
-   !> average_k.
+   !> Computes the weights of the residuals in averages of G: [c_i] = constant/n
+   !> + sum_k V_ik s_k average_k of formulas (4) and (5).
    subroutine find_weights(surrogate, fit, average, constant, weight)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
-      real(wp), intent(in), contiguous :: average(:, :)    !! (feature, output) of phi
+      real(wp), intent(in), contiguous :: average(:, :)    !! (feature, output) average of phi
       real(wp), intent(in) :: constant                     !! the same average of 1
       real(wp), allocatable, intent(out) :: weight(:, :)   !! (sample, output)
       real(wp) :: shrunk(size(average, 1), size(average, 2))
@@ -119,32 +129,33 @@ contains
       weight = weight + constant/size(weight, 1)
    end subroutine find_weights
 
-   !> Turns weights of the samples' residuals into influences, as their variance by pairs is stated.
-   subroutine weigh_residuals(surrogate, fit, estimate)
+   !> Turns weights of the residuals into influences, and computes kappa.
+   subroutine find_influences(surrogate, fit, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
-      type(estimates_type), intent(inout) :: estimate
+      type(estimates_type), intent(inout) :: estimate   !! weights in its influences
 
       estimate%kappa = kappa_of(fit, estimate%influence)
       estimate%influence = fit%residual*estimate%influence
-      call scale_influences(surrogate, estimate)
-   end subroutine weigh_residuals
+      call scale_by_pairs(surrogate, estimate)
+   end subroutine find_influences
 
-   !> kappa of each output, from the weights of the samples' residuals: that of the last judged
-   !> output up to it.
+   !> kappa of each output, from the weights of the residuals. Computed for the pair outputs of the
+   !> fit; others take that of the last pair output before them.
    pure function kappa_of(fit, weight) result(kappa)
       type(fit_type), intent(in) :: fit
       real(wp), intent(in), contiguous :: weight(:, :)   !! (sample, output)
       real(wp) :: kappa(size(weight, 2))
-      integer :: k
+      integer :: k, o
 
-      do k = 1, size(fit%judged)
-         kappa(fit%judged(k):) = 1.0_wp + share_of_pairs(fit, k, weight(:, fit%judged(k)))
+      do k = 1, size(fit%pair_outputs)
+         o = fit%pair_outputs(k)
+         kappa(o:) = 1.0_wp + share_of_pairs(fit, k, weight(:, o))
       end do
    end function kappa_of
 
-   !> Scales influences such that their squares are J/sqrt(kappa) n/(n - p).
-   pure subroutine scale_influences(surrogate, estimate)
+   !> Scales influences such that the sum of their squares is J/sqrt(kappa) n/(n - p).
+   pure subroutine scale_by_pairs(surrogate, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(estimates_type), intent(inout) :: estimate
       integer :: o
@@ -153,31 +164,31 @@ contains
          estimate%influence(:, o) = estimate%influence(:, o) &
                                     *(surrogate%enlargement/sqrt(sqrt(estimate%kappa(o))))
       end do
-   end subroutine scale_influences
+   end subroutine scale_by_pairs
 
-   !> 2P/J from the pairs of some samples with all: Q_ij is what leaving out both changes in
-   !> w_i e_i + w_j e_j.
+   !> 2 P/J of formula (7), from the pairs of the pair samples with all: Q_ij is the change of
+   !> w_i e_i + w_j e_j by leaving out both samples.
    pure real(wp) function share_of_pairs(fit, k, weight)
       type(fit_type), intent(in) :: fit
-      integer, intent(in) :: k                        !! of the judged outputs
+      integer, intent(in) :: k                        !! number among the pair outputs
       real(wp), intent(in), contiguous :: weight(:)   !! (sample) w
-      real(wp) :: of_one(size(weight)), pairs
+      real(wp) :: part(size(weight)), pair_sum
       integer :: j, m
 
-      of_one = weight*fit%residual(:, fit%judged(k))
-      pairs = 0.0_wp
-      do m = 1, size(fit%some)
-         associate (of_i => weight(fit%some(m)), change => fit%change(:, m, k), &
-                    other => fit%other_change(:, m, k))
-            !$omp simd reduction(+:pairs)
+      part = weight*fit%residual(:, fit%pair_outputs(k))
+      pair_sum = 0.0_wp
+      do m = 1, size(fit%pair_samples)
+         associate (weight_i => weight(fit%pair_samples(m)), change_i => fit%change_i(:, m, k), &
+                    change_j => fit%change_j(:, m, k))
+            !$omp simd reduction(+:pair_sum)
             do j = 1, size(weight)
-               pairs = pairs + (of_i*change(j) + weight(j)*other(j))**2
+               pair_sum = pair_sum + (weight_i*change_i(j) + weight(j)*change_j(j))**2
             end do
          end associate
       end do
       share_of_pairs = 0.0_wp
-      if (any(abs(of_one) > 0.0_wp)) &
-         share_of_pairs = pairs*size(weight)/(size(fit%some)*sum(of_one**2))
+      if (any(abs(part) > 0.0_wp)) &
+         share_of_pairs = pair_sum*size(weight)/(size(fit%pair_samples)*sum(part**2))
    end function share_of_pairs
 
 end module statistics_influences

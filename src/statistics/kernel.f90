@@ -1,5 +1,6 @@
-!> Covariance of the response at two points of the friction law, up to a factor: formula (2) of
-!> docs/regression.md. Inputs are standardised, weights scaled to a sum of squares of 5.
+!> Kernel of the regression: covariance of the response at two vectors of friction values, up to a
+!> factor. Formula (2) of docs/regression.md. Inputs are standardised; the squares of the weights
+!> add up to 5.
 module statistics_kernel
    use core_kinds, only: wp
    use numerics_elementary, only: exponentiate
@@ -8,12 +9,13 @@ module statistics_kernel
    private
    public :: kernel_type, kernel_diagonal, kernel_rows, new_kernel
 
-   real(wp), parameter :: sum_of_squares = 5.0_wp   !! of the weights
-   real(wp), parameter :: linear = 10.0_wp, additive = 0.5_wp, joint = 0.5_wp   !! shares
+   real(wp), parameter :: sum_of_squares = 5.0_wp   !! sum of the squares of the weights
+   !> factors of the three parts of formula (2)
+   real(wp), parameter :: linear_factor = 10.0_wp, additive_factor = 0.5_wp, joint_factor = 0.5_wp
    real(wp), parameter :: third = 1.0_wp/3.0_wp
-   real(wp), parameter :: smallest = 1.0e-3_wp      !! q_j of an additive part that is not left out
+   real(wp), parameter :: smallest_share = 1.0e-3_wp   !! least q_j of an additive part
 
-   !> A kernel of given weights and length.
+   !> Weights and length of a kernel.
    type :: kernel_type
       real(wp), allocatable :: weight(:)   !! (input)
       real(wp) :: length = 1.0_wp          !! l
@@ -21,7 +23,7 @@ module statistics_kernel
 
 contains
 
-   !> A kernel with weights in given proportions.
+   !> Kernel with weights in given proportions.
    pure function new_kernel(proportion, length) result(kernel)
       real(wp), intent(in) :: proportion(:)   !! (input)
       real(wp), intent(in) :: length
@@ -31,7 +33,7 @@ contains
       kernel%length = length
    end function new_kernel
 
-   !> Computes k(x, x') for all pairs.
+   !> Computes k(x, x') for all pairs of x and x'.
    subroutine kernel_rows(kernel, x, x_prime, rows)
       type(kernel_type), intent(in) :: kernel
       real(wp), intent(in), contiguous :: x(:, :)         !! (point, input)
@@ -63,13 +65,13 @@ contains
          s = sqrt(max(square + square_prime - 2.0_wp*rows(:, i), 0.0_wp))*rate
          decay = -s
          call exponentiate(decay)
-         rows(:, i) = linear/sum_of_squares*rows(:, i) &
-                      + joint*(1.0_wp + s*(1.0_wp + third*s))*decay
+         rows(:, i) = linear_factor/sum_of_squares*rows(:, i) &
+                      + joint_factor*(1.0_wp + s*(1.0_wp + third*s))*decay
          do j = 1, size(x, 2)
             share = kernel%weight(j)**2/sum_of_squares
-            if (share < smallest) cycle
-            call add_function_of_one(additive*share, x(:, j), grown(:, j), shrunk(:, j), &
-                                     x_prime(i, j), grown_prime(i, j), rate, rows(:, i))
+            if (share < smallest_share) cycle
+            call add_additive_part(additive_factor*share, x(:, j), grown(:, j), shrunk(:, j), &
+                                   x_prime(i, j), grown_prime(i, j), rate, rows(:, i))
          end do
       end do
    end subroutine kernel_rows
@@ -82,12 +84,13 @@ contains
       real(wp) :: share(size(x, 2))
 
       share = kernel%weight**2/sum_of_squares
-      diagonal = linear*matmul(x**2, share) + joint + additive*sum(share, share >= smallest)
+      diagonal = linear_factor*matmul(x**2, share) + joint_factor &
+                 + additive_factor*sum(share, share >= smallest_share)
    end function kernel_diagonal
 
-   !> Adds the part of one input. exp(-rate |x - x'|) is a product of a growing and a falling
-   !> exponential.
-   pure subroutine add_function_of_one(share, x, grown, shrunk, x_prime, grown_prime, rate, row)
+   !> Adds the additive part of one input to k(., x'). The smaller one of exp(rate x) exp(-rate x')
+   !> and its reciprocal is exp(-rate |x - x'|).
+   pure subroutine add_additive_part(share, x, grown, shrunk, x_prime, grown_prime, rate, row)
       real(wp), intent(in) :: share
       real(wp), intent(in), contiguous :: x(:)                  !! (point)
       real(wp), intent(in), contiguous :: grown(:), shrunk(:)   !! (point) exp(rate x), exp(-rate x)
@@ -102,6 +105,6 @@ contains
          s = rate*abs(x(m) - x_prime)
          row(m) = row(m) + share*(1.0_wp + s*(1.0_wp + third*s))*decay
       end do
-   end subroutine add_function_of_one
+   end subroutine add_additive_part
 
 end module statistics_kernel

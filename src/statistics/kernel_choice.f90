@@ -1,37 +1,39 @@
-!> The kernel of a surrogate, chosen from few samples, (2) of docs/regression.md: both proportions
-!> of the weights are tried at the middle length, then shorter and longer lengths as long as
-!> residuals fall.
+!> Choice of the weights and the length of a kernel by the least leave-one-out residuals of at most
+!> 128 samples: formula (2) of docs/regression.md. The weights are in proportion to the slopes of a
+!> linear ridge regression, or to their roots: both are tried at the middle length, then shorter and
+!> longer lengths with the better one, as long as the residuals fall.
 module statistics_kernel_choice
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_lapack, only: find_symmetric_eigenvectors, multiply, solve_positive_definite
    use statistics_kernel, only: kernel_type, new_kernel
    use statistics_surrogate, only: find_features, most_landmarks, n_ratios, noise_ratios, &
-                                   spread_out, surrogate_type
+                                   evenly_spaced, surrogate_type
    implicit none(type, external)
    private
-   public :: learn_kernel
+   public :: choose_kernel
 
-   integer, parameter :: samples_of_choice = 128   !! that choose the kernel
+   integer, parameter :: most_chosen = 128   !! samples whose residuals are compared
    real(wp), parameter :: lengths(*) = [1.0_wp, 2.0_wp, 4.0_wp, 8.0_wp, 16.0_wp]
-   integer, parameter :: middle = 3
-   real(wp), parameter :: powers(*) = [0.5_wp, 1.0_wp]   !! of the weights
-   real(wp), parameter :: least_weight = 0.03_wp         !! over the largest
-   real(wp), parameter :: n_others = 2.0_wp     !! constants beside the slopes: length, noise ratio
-   real(wp), parameter :: least_free = 0.1_wp   !! share (n - p)/n of the samples
-   real(wp), parameter :: least_variance = 1.0e-6_wp   !! along a second direction, over the first
+   integer, parameter :: middle = 3          !! number of the length that is tried first
+   real(wp), parameter :: powers(*) = [0.5_wp, 1.0_wp]   !! power of the slopes in the weights
+   real(wp), parameter :: least_weight = 0.03_wp         !! least slope, over the largest one
+   real(wp), parameter :: n_other_constants = 2.0_wp     !! length and noise ratio: part of p
+   real(wp), parameter :: least_free_share = 0.1_wp      !! lower limit of (n - p)/n
+   real(wp), parameter :: least_variance = 1.0e-6_wp     !! along direction 2, over direction 1
 
 contains
 
-   !> Chooses the kernel for some outputs and finds the features of all samples.
-   subroutine learn_kernel(x, outputs, surrogate, error)
+   !> Chooses the kernel for some outputs, and finds the features of all samples and the directions
+   !> in which the outputs vary most.
+   subroutine choose_kernel(x, outputs, surrogate, error)
       real(wp), intent(in), contiguous :: x(:, :)         !! (sample, input) standardised
       real(wp), intent(in), contiguous :: outputs(:, :)   !! (sample, output)
       type(surrogate_type), intent(out) :: surrogate
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: proportion(size(x, 2)), best, best_power, n_slopes, power
       real(wp) :: slope(size(x, 2), size(outputs, 2))
-      real(wp), allocatable :: y(:, :), some_x(:, :), some_y(:, :)
+      real(wp), allocatable :: y(:, :), chosen_x(:, :), chosen_y(:, :)
       integer, allocatable :: chosen(:)
       integer :: best_length, i, k
 
@@ -40,22 +42,22 @@ contains
       if (.not. allocated(error)) call find_directions(slope, surrogate%direction, error)
       if (allocated(error)) return
       surrogate%enlargement = &
-         1.0_wp/sqrt(max(1.0_wp - (n_slopes + n_others)/size(x, 1), least_free))
+         1.0_wp/sqrt(max(1.0_wp - (n_slopes + n_other_constants)/size(x, 1), least_free_share))
       proportion = sqrt(sum(slope**2, 2)/size(y, 2))
       proportion = max(proportion/max(maxval(proportion), tiny(1.0_wp)), least_weight)
-      chosen = spread_out(size(x, 1), samples_of_choice)
-      some_x = x(chosen, :)
-      some_y = y(chosen, :)
+      chosen = evenly_spaced(size(x, 1), most_chosen)
+      chosen_x = x(chosen, :)
+      chosen_y = y(chosen, :)
       best = huge(best)
       do k = 1, size(powers)
-         call try(powers(k), middle)
+         call try_kernel(powers(k), middle)
          if (allocated(error)) return
       end do
       power = best_power
       do k = -1, 1, 2   ! shorter lengths, then longer ones
          i = middle + k
          do while (best_length == i - k .and. i >= 1 .and. i <= size(lengths))
-            call try(power, i)
+            call try_kernel(power, i)
             if (allocated(error)) return
             i = i + k
          end do
@@ -64,25 +66,25 @@ contains
 
    contains
 
-      subroutine try(power, length)
+      subroutine try_kernel(power, length)
          real(wp), intent(in) :: power
-         integer, intent(in) :: length   !! its number
+         integer, intent(in) :: length   !! number of the length
          type(kernel_type) :: kernel
          real(wp) :: score
 
          kernel = new_kernel(proportion**power, lengths(length))
-         call judge(kernel, some_x, some_y, score, error)
+         call find_score(kernel, chosen_x, chosen_y, score, error)
          if (allocated(error)) return
          if (score >= best) return
          best = score
          best_power = power
          best_length = length
          surrogate%kernel = kernel
-      end subroutine try
+      end subroutine try_kernel
 
-   end subroutine learn_kernel
+   end subroutine choose_kernel
 
-   !> Shifts and scales the outputs to mean 0 and mean square 1; one without scatter becomes 0.
+   !> Standardises the outputs to mean 0 and mean square 1; a constant output becomes 0.
    pure subroutine standardise(outputs, y)
       real(wp), intent(in) :: outputs(:, :)          !! (sample, output)
       real(wp), allocatable, intent(out) :: y(:, :)
@@ -95,8 +97,8 @@ contains
       end do
    end subroutine standardise
 
-   !> Finds the coefficients of a linear ridge regression, and how many they are worth: the trace
-   !> of (X'X + ridge)^-1 X'X.
+   !> Finds the slopes of a linear ridge regression, and their degrees of freedom: the trace of
+   !> (X'X + ridge)^-1 X'X.
    subroutine find_slopes(x, y, slope, n_slopes, error)
       real(wp), intent(in), contiguous :: x(:, :), y(:, :)   !! (sample, input or output)
       real(wp), intent(out), contiguous :: slope(:, :)       !! (input, output)
@@ -117,17 +119,18 @@ contains
       n_slopes = sum([(shrunk(j, j), j=1, size(x, 2))])
    end subroutine find_slopes
 
-   !> Finds the first two left singular vectors of the slopes, one twice where there is no other.
+   !> Finds the first two left singular vectors of the slopes; the first one twice if there is no
+   !> second.
    subroutine find_directions(slope, direction, error)
       real(wp), intent(in), contiguous :: slope(:, :)   !! (input, output)
       real(wp), allocatable, intent(out) :: direction(:, :)   !! (input, 2)
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: square(size(slope, 1), size(slope, 1)), eigenvalue(size(slope, 1))
-      real(wp) :: of_output(size(slope, 2), size(slope, 1))
+      real(wp) :: transposed_slope(size(slope, 2), size(slope, 1))
       integer :: last, second
 
-      of_output = transpose(slope)
-      call multiply(of_output, of_output, square, transposes_a=.true.)
+      transposed_slope = transpose(slope)
+      call multiply(transposed_slope, transposed_slope, square, transposes_a=.true.)
       call find_symmetric_eigenvectors(square, eigenvalue, error)
       last = size(eigenvalue)
       second = max(1, last - 1)
@@ -135,14 +138,14 @@ contains
       direction = square(:, [last, second])
    end subroutine find_directions
 
-   !> Computes the score of a kernel: mean over outputs of log(least mean square of leave-one-out
-   !> residuals).
-   subroutine judge(kernel, x, outputs, score, error)
+   !> Computes the score of a kernel: mean over outputs of ln(mean square of the leave-one-out
+   !> residuals over that of the output), each with its best noise ratio.
+   subroutine find_score(kernel, x, outputs, score, error)
       type(kernel_type), intent(in) :: kernel
       real(wp), intent(in), contiguous :: x(:, :), outputs(:, :)   !! (sample, input or output)
       real(wp), intent(out) :: score
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: least = 1.0e-12_wp   ! relative mean square that is told apart
+      real(wp), parameter :: least_square = 1.0e-12_wp   ! keeps the logarithm finite
       type(surrogate_type) :: trial
       real(wp), allocatable :: projection(:, :), fitted(:, :), leverage(:), shrink(:)
       real(wp) :: square(n_ratios, size(outputs, 2)), y(size(outputs, 1), size(outputs, 2))
@@ -168,9 +171,9 @@ contains
       end do
       score = 0.0_wp
       do o = 1, size(y, 2)
-         score = score + log(minval(square(:, o))/max(sum(y(:, o)**2), tiny(1.0_wp)) + least)
+         score = score + log(minval(square(:, o))/max(sum(y(:, o)**2), tiny(1.0_wp)) + least_square)
       end do
       score = score/size(y, 2)
-   end subroutine judge
+   end subroutine find_score
 
 end module statistics_kernel_choice

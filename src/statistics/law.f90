@@ -1,10 +1,12 @@
-!> Points that stand for a law of which many draws are known: formula (6) of docs/regression.md.
+!> Weighted points that represent a law of which many draws are known: formula (6) of
+!> docs/regression.md.
 !>
-!> Some draws are kept, and the means of polynomials of the inputs (to the third degree, with
-!> products of two for few inputs) over all of them. The kept ones are sorted along a direction, in
-!> blocks of it along another one, and every k-th is taken; weights give the polynomials the means
-!> that they have over all draws:
-!> w = (1 + B (B'B/M)^-1 (mean over all of B - mean of B))/M.
+!> Some of the draws are kept, with the means over all draws of polynomials of the inputs: to the
+!> third degree and, for up to 12 inputs, products of two. The kept draws are sorted along one
+!> direction and, in blocks, along a second one; of them M evenly spaced ones are the points. With B
+!> (point, polynomial), the weights
+!>    w = (1 + B (B'B/M)^-1 (mean of B over all draws - mean of B over the points))/M
+!> give the polynomials their means over all draws.
 module statistics_law
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -13,40 +15,40 @@ module statistics_law
    private
    public :: draws_type, law_type, choose_points, error_of_points, keep_draws
 
-   integer, parameter :: most_with_products = 12   !! inputs
-   integer, parameter, public :: most_kept = 2**15   !! draws
-   integer, parameter, public :: n_points = 4096     !! that stand for a law
-   integer, parameter :: points_of_block = 16
-   integer, parameter :: parts = 8   !! of a direction's largest component that others are whole
+   integer, parameter :: most_with_products = 12     !! inputs, for products of two
+   integer, parameter, public :: most_kept = 2**15   !! draws that are kept
+   integer, parameter, public :: n_points = 4096     !! points of a law
+   integer, parameter :: points_per_block = 16
+   integer, parameter :: n_direction_steps = 8   !! steps of a component, 0 to the largest one
 
    !> Draws of a law.
    type :: draws_type
-      real(wp), allocatable :: x(:, :)      !! (draw, input) standardised; some of all
-      real(wp), allocatable :: mean(:)      !! (polynomial) over all
-      integer :: n_all = 0
-      real(wp) :: n_independent = 0.0_wp    !! draws that all are worth
+      real(wp), allocatable :: x(:, :)      !! (kept draw, input) standardised
+      real(wp), allocatable :: mean(:)      !! (polynomial) mean over all draws
+      integer :: n_all = 0                  !! number of all draws
+      real(wp) :: n_independent = 0.0_wp    !! independent draws with the same error of a mean
    end type draws_type
 
-   !> Weighted points that stand for a law.
+   !> Weighted points that represent a law.
    type :: law_type
       real(wp), allocatable :: x(:, :)      !! (point, input) standardised
       real(wp), allocatable :: weight(:)    !! (point), their sum is 1
-      integer :: n_all = 0                  !! draws that they stand for
-      real(wp) :: n_independent = 0.0_wp    !! what these are worth
-      !> (pair, polynomial) sums and differences D B of B in pairs of neighbours
-      real(wp), allocatable, private :: total(:, :), change(:, :)
-      real(wp), allocatable, private :: square(:, :)       !! (polynomial, polynomial) B'B
-      real(wp), allocatable, private :: of_changes(:, :)   !! (polynomial, polynomial) B'D'D B
+      integer :: n_all = 0                  !! as in draws_type
+      real(wp) :: n_independent = 0.0_wp    !! as in draws_type
+      !> (pair, polynomial) of B: sums of pairs of neighbours, and their differences D B
+      real(wp), allocatable, private :: pair_sum(:, :), difference(:, :)
+      real(wp), allocatable, private :: square(:, :)      !! (polynomial, polynomial) B'B
+      real(wp), allocatable, private :: db_square(:, :)   !! (polynomial, polynomial) B'D'D B
    end type law_type
 
 contains
 
-   !> Selects the draws to keep; they take the place of those before.
+   !> Selects the draws to keep, and computes the means of the polynomials over all draws.
    pure subroutine keep_draws(x, n_independent, draws)
       real(wp), intent(in) :: x(:, :)          !! (draw, input) standardised
-      real(wp), intent(in) :: n_independent    !! draws that they are worth
+      real(wp), intent(in) :: n_independent    !! as in draws_type
       type(draws_type), intent(out) :: draws
-      integer, parameter :: together = 2048
+      integer, parameter :: chunk = 2048
       real(wp), allocatable :: b(:, :)
       integer :: first, last, n
 
@@ -55,17 +57,17 @@ contains
       draws%n_independent = n_independent
       draws%x = x(1::(n - 1)/most_kept + 1, :)
       allocate (draws%mean(count_polynomials(size(x, 2))), source=0.0_wp)
-      do first = 1, n, together
-         last = min(first + together - 1, n)
+      do first = 1, n, chunk
+         last = min(first + chunk - 1, n)
          call find_polynomials(x(first:last, :), b)
          draws%mean = draws%mean + sum(b, 1)
       end do
       draws%mean = draws%mean/n
    end subroutine keep_draws
 
-   !> Chooses at most n_points of the draws: evenly along a direction, and evenly along a second one
-   !> within every block of them. Points that followed the last digits of a direction would change
-   !> estimates by their error.
+   !> Chooses at most n_points of the draws: evenly along a direction and, within blocks, evenly
+   !> along a second one. The directions are rounded, so that the points do not depend on their last
+   !> digits.
    subroutine choose_points(draws, direction, n_points, law, error)
       type(draws_type), intent(in) :: draws
       real(wp), intent(in) :: direction(:, :)   !! (input, first or second)
@@ -76,14 +78,14 @@ contains
       integer :: first, k, last, m, n, n_blocks
 
       n = min(n_points, size(draws%x, 1))
-      ranking = rough_order(along(draws%x, direction(:, 1)))
-      n_blocks = max(1, n/points_of_block)
+      ranking = rough_order(positions_along(draws%x, direction(:, 1)))
+      n_blocks = max(1, n/points_per_block)
       last = 0
       do k = 1, n_blocks
          first = last + 1
          last = nint(k*real(size(ranking), wp)/n_blocks)
-         associate (block => ranking(first:last))   ! to and fro: neighbours in all blocks
-            block = block(rough_order((-1)**k*along(draws%x(block, :), direction(:, 2))))
+         associate (block => ranking(first:last))   ! up and down in turn: all neighbours are near
+            block = block(rough_order((-1)**k*positions_along(draws%x(block, :), direction(:, 2))))
          end associate
       end do
       associate (stride => real(size(draws%x, 1), wp)/n)
@@ -92,26 +94,26 @@ contains
       law%x = draws%x(ranking, :)
       law%n_all = draws%n_all
       law%n_independent = draws%n_independent
-      call weigh(draws%mean, law, error)
+      call find_point_weights(draws%mean, law, error)
    end subroutine choose_points
 
-   !> Places along a direction, in eighths of its largest component.
-   pure function along(x, direction) result(place)
+   !> Positions of draws along a direction, whose components are rounded to eighths of the largest.
+   pure function positions_along(x, direction) result(place)
       real(wp), intent(in) :: x(:, :)        !! (draw, input)
       real(wp), intent(in) :: direction(:)   !! (input)
-      real(wp) :: place(size(x, 1))
+      real(wp) :: place(size(x, 1))          !! (draw)
       real(wp) :: largest
       integer :: j
 
       largest = direction(maxloc(abs(direction), 1))
       place = 0.0_wp
       do j = 1, size(direction)
-         place = place + nint(parts*direction(j)/largest)*x(:, j)
+         place = place + nint(n_direction_steps*direction(j)/largest)*x(:, j)
       end do
-   end function along
+   end function positions_along
 
-   !> Positions in ascending order of values, to a fraction of their range: a bucket each, in which
-   !> they stay as they came.
+   !> Indices in ascending order of the values, by a bucket sort: values in the same bucket, one of
+   !> n/2 in their range, stay in their order.
    pure function rough_order(values) result(ranking)
       real(wp), intent(in) :: values(:)
       integer :: ranking(size(values))
@@ -136,103 +138,103 @@ contains
       end do
    end function rough_order
 
-   !> Computes the standard errors that the points leave in the means of functions f, and the draws
-   !> that they stand for. With the slopes c of their polynomials,
-   !> |D (f - B c)|^2 = |D f|^2 - c'(2 B'D'D f - B'D'D B c).
-   subroutine error_of_points(law, values, stated, error)
+   !> Computes the standard errors of means of functions f over the points: of the points among the
+   !> draws, and of the draws. D being the differences in pairs of neighbours and c the coefficients
+   !> of the polynomials fitted to f, |D (f - B c)|^2 = |D f|^2 - c'(2 B'D'D f - B'D'D B c).
+   subroutine error_of_points(law, values, mean_error, error)
       class(law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:, :)   !! (point, function) f
-      real(wp), intent(out) :: stated(:)                 !! (function)
+      real(wp), intent(out) :: mean_error(:)             !! (function)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), dimension(size(law%change, 1), size(stated)) :: total, change
-      real(wp), dimension(size(law%square, 1), size(stated)) :: of_change, slope
+      real(wp), dimension(size(law%difference, 1), size(mean_error)) :: pair_sum, difference
+      real(wp), dimension(size(law%square, 1), size(mean_error)) :: coefficient, db_f   ! c, B'D'D f
       real(wp) :: square(size(law%square, 1), size(law%square, 1))
-      real(wp) :: between, variance
+      real(wp) :: half_square, variance
       integer :: n, o
 
       n = size(values, 1)
-      do o = 1, size(stated)
-         call pair_up(values(:, o), total(:, o), change(:, o))
+      do o = 1, size(mean_error)
+         call pair_up(values(:, o), pair_sum(:, o), difference(:, o))
       end do
-      call multiply(law%change, change, of_change, transposes_a=.true.)
-      call multiply(law%total, total, slope, transposes_a=.true.)
-      slope = 0.5_wp*(slope + of_change)   ! a b + a' b' of a pair
+      call multiply(law%difference, difference, db_f, transposes_a=.true.)
+      call multiply(law%pair_sum, pair_sum, coefficient, transposes_a=.true.)
+      coefficient = 0.5_wp*(coefficient + db_f)   ! B'f, from sums and differences of pairs
       square = law%square
-      call solve_positive_definite(square, slope, error)
+      call solve_positive_definite(square, coefficient, error)
       if (allocated(error)) return
-      do o = 1, size(stated)
-         call find_scatter(total(:, o), change(:, o), between, variance)
-         between = between - dot_product(slope(:, o), 2.0_wp*of_change(:, o) &
-                                         - matmul(law%of_changes, slope(:, o))) &
-                   /(2*size(change, 1))
-         stated(o) = sqrt(max(between, 0.0_wp)*(1.0_wp/n - 1.0_wp/law%n_all) &
-                          + max(variance, 0.0_wp)/law%n_independent)
+      do o = 1, size(mean_error)
+         call find_pair_variances(pair_sum(:, o), difference(:, o), half_square, variance)
+         half_square = half_square - dot_product(coefficient(:, o), 2.0_wp*db_f(:, o) &
+                                                 - matmul(law%db_square, coefficient(:, o))) &
+                       /(2*size(difference, 1))
+         mean_error(o) = sqrt(max(half_square, 0.0_wp)*(1.0_wp/n - 1.0_wp/law%n_all) &
+                              + max(variance, 0.0_wp)/law%n_independent)
       end do
    end subroutine error_of_points
 
-   !> Computes sums and differences in pairs of neighbours; an odd last value is in none.
-   pure subroutine pair_up(values, total, change)
-      real(wp), intent(in), contiguous :: values(:)              !! (point)
-      real(wp), intent(out), contiguous :: total(:), change(:)   !! (pair)
+   !> Computes sums and differences in pairs of neighbours; an odd last value is left out.
+   pure subroutine pair_up(values, pair_sum, difference)
+      real(wp), intent(in), contiguous :: values(:)   !! (point)
+      real(wp), intent(out), contiguous :: pair_sum(:), difference(:)   !! (pair)
       integer :: m
 
-      do m = 1, size(total)
-         total(m) = values(2*m - 1) + values(2*m)
-         change(m) = values(2*m - 1) - values(2*m)
+      do m = 1, size(pair_sum)
+         pair_sum(m) = values(2*m - 1) + values(2*m)
+         difference(m) = values(2*m - 1) - values(2*m)
       end do
    end subroutine pair_up
 
    !> Computes variances from sums and differences in pairs.
-   pure subroutine find_scatter(total, change, between, variance)
-      real(wp), intent(in), contiguous :: total(:), change(:)   !! (pair)
-      real(wp), intent(out) :: between    !! half the mean square of the differences
-      real(wp), intent(out) :: variance   !! of all values
-      real(wp) :: mean, of_totals
+   pure subroutine find_pair_variances(pair_sum, difference, half_square, variance)
+      real(wp), intent(in), contiguous :: pair_sum(:), difference(:)   !! (pair)
+      real(wp), intent(out) :: half_square   !! half the mean square of the differences
+      real(wp), intent(out) :: variance      !! variance of all values
+      real(wp) :: mean, total_square
       integer :: m
 
-      between = 0.0_wp
+      half_square = 0.0_wp
       mean = 0.0_wp
-      of_totals = 0.0_wp
-      !$omp simd reduction(+:between, mean, of_totals)
-      do m = 1, size(total)
-         between = between + change(m)**2
-         mean = mean + total(m)
-         of_totals = of_totals + total(m)**2
+      total_square = 0.0_wp
+      !$omp simd reduction(+:half_square, mean, total_square)
+      do m = 1, size(pair_sum)
+         half_square = half_square + difference(m)**2
+         mean = mean + pair_sum(m)
+         total_square = total_square + pair_sum(m)**2
       end do
-      variance = ((of_totals + between)/4 - (mean/2)**2/size(total))/size(total)
-      between = between/(2*size(total))
-   end subroutine find_scatter
+      variance = ((total_square + half_square)/4 - (mean/2)**2/size(pair_sum))/size(pair_sum)
+      half_square = half_square/(2*size(pair_sum))
+   end subroutine find_pair_variances
 
-   !> Computes the weights of the points that keep the means of the polynomials; equal weights
-   !> unless all are positive.
-   subroutine weigh(mean, law, error)
-      real(wp), intent(in) :: mean(:)   !! (polynomial) to be kept
+   !> Computes the weights that give the polynomials their means over all draws; equal weights if
+   !> any of them would not be positive.
+   subroutine find_point_weights(mean, law, error)
+      real(wp), intent(in) :: mean(:)   !! (polynomial) over all draws
       type(law_type), intent(inout) :: law
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: b(:, :), square(:, :), short(:, :)
+      real(wp), allocatable :: b(:, :), square(:, :), missing(:, :)
       integer :: i, k, n
 
       n = size(law%x, 1)
       call find_polynomials(law%x, b)
       k = size(b, 2)
-      allocate (law%square(k, k), law%of_changes(k, k), law%weight(n), short(k, 1))
+      allocate (law%square(k, k), law%db_square(k, k), law%weight(n), missing(k, 1))
       call multiply(b, b, law%square, transposes_a=.true.)
-      do i = 1, k   ! inputs may depend on each other
+      do i = 1, k   ! keeps B'B positive definite if inputs depend on each other
          law%square(i, i) = law%square(i, i)*(1.0_wp + 1.0e-10_wp)
       end do
-      short(:, 1) = n*mean - sum(b, 1)
+      missing(:, 1) = n*mean - sum(b, 1)
       square = law%square
-      call solve_positive_definite(square, short, error)
+      call solve_positive_definite(square, missing, error)
       if (allocated(error)) return
-      law%weight(:) = 1.0_wp + matmul(b, short(:, 1))
+      law%weight(:) = 1.0_wp + matmul(b, missing(:, 1))
       if (any(law%weight <= 0.0_wp)) law%weight = 1.0_wp
       law%weight = law%weight/sum(law%weight)
-      allocate (law%total(n/2, k), law%change(n/2, k))
+      allocate (law%pair_sum(n/2, k), law%difference(n/2, k))
       do i = 1, k
-         call pair_up(b(:, i), law%total(:, i), law%change(:, i))
+         call pair_up(b(:, i), law%pair_sum(:, i), law%difference(:, i))
       end do
-      call multiply(law%change, law%change, law%of_changes, transposes_a=.true.)
-   end subroutine weigh
+      call multiply(law%difference, law%difference, law%db_square, transposes_a=.true.)
+   end subroutine find_point_weights
 
    pure integer function count_polynomials(n_inputs)
       integer, intent(in) :: n_inputs

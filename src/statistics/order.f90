@@ -1,4 +1,5 @@
-!> Values at ranks between order statistics, and the ranks that an interval of a percentile ends at.
+!> Order statistics: values at ranks between them, and those at which the interval of a percentile
+!> ends.
 module statistics_order
    use core_kinds, only: wp
    implicit none(type, external)
@@ -7,9 +8,10 @@ module statistics_order
 
 contains
 
-   !> Value at a rank that may lie between two order statistics.
+   !> Value at a rank, linear between order statistics.
    pure function at_rank(sorted, rank) result(value)
-      real(wp), intent(in) :: sorted(:), rank
+      real(wp), intent(in) :: sorted(:)   !! ascending, two values or more
+      real(wp), intent(in) :: rank        !! 1..size(sorted)
       real(wp) :: value
       integer :: below
 
@@ -17,8 +19,8 @@ contains
       value = sorted(below) + (rank - below)*(sorted(below + 1) - sorted(below))
    end function at_rank
 
-   !> Rank of the order statistic that ends the 95 % interval of the quantile at probability p: the
-   !> number of samples below it is binomial. 0 or n + 1 where there are too few samples for an end.
+   !> Rank of the order statistic at which the 95 % interval of the quantile at probability p ends:
+   !> the number of samples below the quantile is binomial. 0 or n + 1 if there are too few samples.
    pure function interval_rank(n, p, is_upper) result(rank)
       integer, intent(in) :: n
       real(wp), intent(in) :: p

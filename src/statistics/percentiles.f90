@@ -1,4 +1,4 @@
-!> Percentiles of a law that weighted points stand for.
+!> Quantiles of weighted points, without sorting all of them.
 module statistics_percentiles
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
@@ -8,24 +8,24 @@ module statistics_percentiles
 
 contains
 
-   !> Finds the value below which the weight p lies: linear between points, each at the middle of
-   !> its weight. `near`: the points within half_width of p, in weight.
+   !> Finds the quantile at probability p: linear between points, each of which stands at the middle
+   !> of its weight; and the points whose cumulative weight is within half_width of p.
    pure subroutine find_quantile(values, weight, p, half_width, quantile, near)
       real(wp), intent(in), contiguous :: values(:), weight(:)   !! (point), the weights' sum is 1
       real(wp), intent(in) :: p, half_width
       real(wp), intent(out) :: quantile
-      integer, allocatable, intent(out) :: near(:)
-      real(wp) :: at, before, below, reach, under
+      integer, allocatable, intent(out) :: near(:)   !! points, ascending in their values
+      real(wp) :: before, below, position, reach, under
       integer, allocatable :: inner(:), places(:)
-      real(wp), allocatable :: some(:), some_weight(:)
+      real(wp), allocatable :: candidates(:), candidate_weight(:)
       integer :: first, k, last
 
-      reach = half_width + largest(weight)   ! so that a point on either side of p is there
-      call narrow(values, weight, 1.0_wp, p - reach, p + reach, places, under)
-      some = values(places)
-      some_weight = weight(places)
-      call narrow(some, some_weight, sum(some_weight), p - reach - under, p + reach - under, &
-                  inner, below)
+      reach = half_width + largest(weight)   ! includes a point on either side of p
+      call find_candidates(values, weight, 1.0_wp, p - reach, p + reach, places, under)
+      candidates = values(places)
+      candidate_weight = weight(places)
+      call find_candidates(candidates, candidate_weight, sum(candidate_weight), &
+                           p - reach - under, p + reach - under, inner, below)
       below = below + under
       places = places(inner)
       places = places(sort_order(values(places)))
@@ -34,66 +34,65 @@ contains
       first = 0
       last = 0
       do k = 1, size(places)
-         at = below + 0.5_wp*weight(places(k))
+         position = below + 0.5_wp*weight(places(k))
          below = below + weight(places(k))
-         if (at <= p) quantile = values(places(k))
-         if (at > p .and. before <= p .and. k > 1) quantile = values(places(k - 1)) &
-               + (values(places(k)) - values(places(k - 1)))*(p - before)/(at - before)
-         before = at
-         if (at < p - half_width) first = k
-         if (at <= p + half_width) last = k
+         if (position <= p) quantile = values(places(k))
+         if (position > p .and. before <= p .and. k > 1) quantile = values(places(k - 1)) &
+               + (values(places(k)) - values(places(k - 1)))*(p - before)/(position - before)
+         before = position
+         if (position < p - half_width) first = k
+         if (position <= p + half_width) last = k
       end do
       first = min(first + 1, size(places))
       near = places(first:max(first, last))
    end subroutine find_quantile
 
-   !> Finds the places of the values whose cumulative weight is between `low` and `high`, and of a
-   !> few around them; `below` is the weight under them. Looks where a sorted subset points to.
-   pure subroutine narrow(values, weight, total, low, high, places, below)
+   !> Finds the values at which the cumulative weight lies between `low` and `high`, and some around
+   !> them. 64 values, sorted, give thresholds, which are moved apart as far as needed.
+   pure subroutine find_candidates(values, weight, total, low, high, places, below)
       real(wp), intent(in), contiguous :: values(:), weight(:)
-      real(wp), intent(in) :: total       !! of the weights
+      real(wp), intent(in) :: total       !! sum of the weights
       real(wp), intent(in) :: low, high
-      integer, allocatable, intent(out) :: places(:)
-      real(wp), intent(out) :: below
-      integer, parameter :: looked_at = 64, reach = 2   ! values, ranks
-      real(wp) :: ends(2), some(looked_at), under(2)
+      integer, allocatable, intent(out) :: places(:)   !! of the values found
+      real(wp), intent(out) :: below                   !! weight of all smaller values
+      integer, parameter :: n_some = 64, reach = 2     ! values, ranks
+      real(wp) :: ends(2), some(n_some), under(2)
       integer :: first, i, last
 
       below = 0.0_wp
       ends = [-huge(ends), huge(ends)]
-      if (size(values) >= 2*looked_at) then
-         some = values([(1 + ((i - 1)*size(values))/looked_at, i=1, looked_at)])
+      if (size(values) >= 2*n_some) then
+         some = values([(1 + ((i - 1)*size(values))/n_some, i=1, n_some)])
          some = some(sort_order(some))
-         first = floor(low/total*looked_at) - reach
-         last = ceiling(high/total*looked_at) + reach
+         first = floor(low/total*n_some) - reach
+         last = ceiling(high/total*n_some) + reach
          do
             ends(1) = merge(some(max(first, 1)), -huge(ends), first >= 1)
-            ends(2) = merge(some(min(last, looked_at)), huge(ends), last <= looked_at)
+            ends(2) = merge(some(min(last, n_some)), huge(ends), last <= n_some)
             call find_weights_below(values, weight, ends, under)
-            if ((first < 1 .or. under(1) <= low) .and. (last > looked_at .or. under(2) >= high)) &
-               exit
+            if ((first < 1 .or. under(1) <= low) .and. (last > n_some .or. under(2) >= high)) exit
             if (under(1) > low) first = first - reach
             if (under(2) < high) last = last + reach
          end do
          if (first >= 1) below = under(1)
       end if
-      places = between(values, ends(1), ends(2))
-   end subroutine narrow
+      places = places_between(values, ends(1), ends(2))
+   end subroutine find_candidates
 
-   !> The places of the values above one threshold and not above the other.
-   pure function between(values, from, to) result(places)
+   !> Places of the values above `from` and up to `to`.
+   pure function places_between(values, from, to) result(places)
       real(wp), intent(in), contiguous :: values(:)
       real(wp), intent(in) :: from, to
       integer, allocatable :: places(:)
       integer :: found(size(values)), m, n
 
       n = 0
-      do m = 1, size(values)   ! without branches: a tenth is there, and none can tell where
+      do m = 1, size(values)   ! without branches, which could not be predicted
          found(n + 1) = m
          n = n + iand(merge(1, 0, values(m) > from), merge(1, 0, values(m) <= to))
       end do
       places = found(:n)
-   end function between
+   end function places_between
 
    pure real(wp) function largest(values)
       real(wp), intent(in), contiguous :: values(:)
@@ -106,7 +105,7 @@ contains
       end do
    end function largest
 
-   !> Computes the weights of the values up to two thresholds.
+   !> Computes the total weight of the values up to either threshold.
    pure subroutine find_weights_below(values, weight, threshold, below)
       real(wp), intent(in), contiguous :: values(:), weight(:)
       real(wp), intent(in) :: threshold(2)

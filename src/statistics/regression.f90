@@ -1,210 +1,202 @@
-!> Statistics of a response over a friction law, from a fit to few samples and many points of the
-!> law, with the influence of each sample: formulas (4) and (5) of docs/regression.md.
+!> Estimates of means, standard deviations and percentiles of a response over the law of the
+!> friction, by a fit G to few samples and its values at many points of the law; with the influence
+!> of each sample on them. Formulas (4) and (5) of docs/regression.md.
 module statistics_regression
    use core_kinds, only: wp
    use numerics_elementary, only: exponentiate
    use numerics_lapack, only: multiply
    use statistics_estimates, only: estimates_type
-   use statistics_influences, only: excess_of, find_weights, kappa_of, scale_influences, thinning, &
-                                    view_type, weigh_residuals, width_of, width_of_densities
+   use statistics_influences, only: case_law_type, density_tail_ratio, find_influences, &
+                                    find_weights, kappa_of, scale_by_pairs, tail_factors, &
+                                    tail_ratio, thinning
    use statistics_percentiles, only: find_quantile
    use statistics_surrogate, only: average_features, fit_type, predict_variance, surrogate_type
    implicit none(type, external)
    private
    public :: law_deviation, law_mean, law_mean_of_exponential, law_percentile
 
-   real(wp), parameter :: window = 0.01_wp         !! of ranks about a percentile
-   real(wp), parameter :: share_of_near = 0.08_wp  !! of a case's samples, on either side
-   integer, parameter :: least_near = 4
-   integer, parameter :: most_in_window = 24       !! points whose features are averaged
-   real(wp), parameter :: largest = 1.0_wp         !! v/2 that is allowed for
-   !> of the way to the mean of exp(G + v/2), which is too large where the noise is
-   real(wp), parameter :: share_of_variance = 0.25_wp
+   real(wp), parameter :: half_window = 0.01_wp    !! probability on either side of a percentile
+   real(wp), parameter :: near_share = 0.08_wp     !! of a case's samples, near on either side
+   integer, parameter :: fewest_near = 4           !! samples near on either side
+   integer, parameter :: most_averaged = 24        !! points near a percentile in a mean of c_i
+   real(wp), parameter :: largest_half_variance = 1.0_wp   !! upper limit of v/2
+   real(wp), parameter :: variance_share = 0.25_wp   !! weight of [exp(G + v/2)] in a mean density
 
 contains
 
-   !> Estimates the mean half way between that of G and that plus the mean of what G leaves of the
-   !> case's own samples, with half of their difference as bias. A case alone has no such rest.
-   subroutine law_mean(surrogate, fit, view, values, estimate)
+   !> Estimates the mean, [G] + b, with b as bias: half the mean of y - G over the case's samples,
+   !> which is 0 if no other case is in the fit.
+   subroutine law_mean(surrogate, fit, law, values, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
-      type(view_type), intent(in) :: view
+      type(case_law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:, :)   !! (point, output) G
       type(estimates_type), intent(out) :: estimate
-      real(wp) :: average_row(size(view%rows, 1), 1)
+      real(wp) :: average_row(size(law%rows, 1), 1)
       real(wp) :: average(size(surrogate%eigenvalue), size(fit%mean))
-      real(wp) :: of_own(size(surrogate%eigenvalue))   ! average over own samples
+      real(wp) :: own_average(size(surrogate%eigenvalue))   ! (feature) over the case's samples
       integer :: n, o
 
-      n = view%last - view%first + 1
-      average_row(:, 1) = matmul(view%rows, view%weight)
+      n = law%last - law%first + 1
+      average_row(:, 1) = matmul(law%rows, law%weight)
       call average_features(surrogate, average_row, 1.0_wp, average(:, 1:1))
-      of_own = sum(surrogate%feature(view%first:view%last, :), 1)/n
+      own_average = sum(surrogate%feature(law%first:law%last, :), 1)/n
       estimate%value = fit%mean + matmul(average(:, 1), fit%coefficient)
-      estimate%bias = -0.5_wp*(fit%mean + matmul(of_own, fit%coefficient))
-      do o = 1, size(fit%mean)
-         estimate%bias(o) = estimate%bias(o) &
-                            + 0.5_wp*sum(fit%predicted(view%first:view%last, o) &
-                                         + fit%residual(view%first:view%last, o))/n
-      end do
+      estimate%bias = -0.5_wp*(fit%mean + matmul(own_average, fit%coefficient))
+      estimate%bias = estimate%bias + 0.5_wp*sum(fit%predicted(law%first:law%last, :) &
+                                                 + fit%residual(law%first:law%last, :), 1)/n
       estimate%value = estimate%value + estimate%bias
-      average = spread(average(:, 1) - 0.5_wp*of_own, 2, size(average, 2))
+      average = spread(average(:, 1) - 0.5_wp*own_average, 2, size(average, 2))
       call find_weights(surrogate, fit, average, 0.5_wp, estimate%influence)
-      estimate%influence(view%first:view%last, :) = &
-         estimate%influence(view%first:view%last, :) + 0.5_wp/n
-      call weigh_residuals(surrogate, fit, estimate)
-      allocate (estimate%excess(2, size(fit%mean)))
+      estimate%influence(law%first:law%last, :) = &
+         estimate%influence(law%first:law%last, :) + 0.5_wp/n
+      call find_influences(surrogate, fit, estimate)
+      allocate (estimate%tail_factor(2, size(fit%mean)))
       do o = 1, size(fit%mean)
-         estimate%excess(:, o) = &
-            excess_of(width_of(view, values(:, o), fit%predicted(:, o))**2, estimate%kappa(o))
+         estimate%tail_factor(:, o) = &
+            tail_factors(tail_ratio(law, values(:, o), fit%predicted(:, o))**2, estimate%kappa(o))
       end do
    end subroutine law_mean
 
-   !> Estimates the standard deviation by that of G plus the case's own residuals; half of what
-   !> they add is allowed for as bias.
-   subroutine law_deviation(surrogate, fit, view, values, estimate)
+   !> Estimates the standard deviation, the root of the variance of G plus that of the case's
+   !> residuals; half of what the residuals add is the bias.
+   subroutine law_deviation(surrogate, fit, law, values, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
-      type(view_type), intent(in) :: view
+      type(case_law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:, :)   !! (point, output) G
       type(estimates_type), intent(out) :: estimate
-      real(wp) :: of_rows(size(view%rows, 1), size(values, 2))
+      real(wp) :: row_covariance(size(law%rows, 1), size(values, 2))
       real(wp) :: covariance(size(surrogate%eigenvalue), size(values, 2))
-      real(wp) :: of_values(size(values, 2)), of_residuals(size(values, 2))
-      real(wp) :: centred(size(values, 1)), residual(view%last - view%first + 1)
+      real(wp) :: centred(size(values, 1), size(values, 2)), residual(law%last - law%first + 1)
+      real(wp) :: fit_variance, residual_variance
       integer :: o
 
       do o = 1, size(values, 2)
-         centred = values(:, o) - dot_product(view%weight, values(:, o))
-         of_values(o) = dot_product(view%weight, centred**2)   ! to the digits of a small scatter
-         of_rows(:, o) = matmul(view%rows, view%weight*centred)
+         centred(:, o) = values(:, o) - dot_product(law%weight, values(:, o))
+         row_covariance(:, o) = matmul(law%rows, law%weight*centred(:, o))
       end do
-      call average_features(surrogate, of_rows, 0.0_wp, covariance)
+      call average_features(surrogate, row_covariance, 0.0_wp, covariance)
       call find_weights(surrogate, fit, covariance, 0.0_wp, estimate%influence)
-      call weigh_residuals(surrogate, fit, estimate)
-      allocate (estimate%value(size(values, 2)), estimate%excess(2, size(values, 2)))
+      call find_influences(surrogate, fit, estimate)
+      allocate (estimate%value(size(values, 2)), estimate%tail_factor(2, size(values, 2)))
       allocate (estimate%bias, mold=estimate%value)
       do o = 1, size(values, 2)
-         associate (own => fit%predicted(view%first:view%last, o))
-            estimate%excess(:, o) = &
-               excess_of(width_of(view, &
-                                  (values(:, o) - dot_product(view%weight, values(:, o)))**2, &
-                                  (fit%predicted(:, o) - sum(own)/size(own))**2)**2, &
-                         estimate%kappa(o))
+         associate (own => fit%predicted(law%first:law%last, o))
+            estimate%tail_factor(:, o) = &
+               tail_factors(tail_ratio(law, centred(:, o)**2, &
+                                       (fit%predicted(:, o) - sum(own)/size(own))**2)**2, &
+                            estimate%kappa(o))
          end associate
-         residual = fit%residual(view%first:view%last, o)
+         residual = fit%residual(law%first:law%last, o)
          residual = (residual - sum(residual)/size(residual))**2
-         of_residuals(o) = sum(residual)/size(residual)
-         estimate%value(o) = sqrt(max(of_values(o) + of_residuals(o), tiny(1.0_wp)))
-         estimate%bias(o) = 0.5_wp*(estimate%value(o) - sqrt(of_values(o)))
-         associate (own => estimate%influence(view%first:view%last, o))
-            own = own + 0.5_wp*(residual - of_residuals(o))/size(residual)
+         fit_variance = dot_product(law%weight, centred(:, o)**2)
+         residual_variance = sum(residual)/size(residual)
+         estimate%value(o) = sqrt(max(fit_variance + residual_variance, tiny(1.0_wp)))
+         estimate%bias(o) = 0.5_wp*(estimate%value(o) - sqrt(fit_variance))
+         associate (own => estimate%influence(law%first:law%last, o))
+            own = own + 0.5_wp*(residual - residual_variance)/size(residual)
          end associate
          estimate%influence(:, o) = estimate%influence(:, o)/estimate%value(o)
       end do
    end subroutine law_deviation
 
-   !> Estimates a percentile half way between that of G and that of G plus residuals of samples
-   !> predicted near it; half of their difference is allowed for as bias.
-   subroutine law_percentile(surrogate, fit, view, values, width, p, estimate)
+   !> Estimates a percentile, half way between that of G and that of G plus the residuals of samples
+   !> predicted near it; half of their difference is the bias.
+   subroutine law_percentile(surrogate, fit, law, values, tail, p, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
-      type(view_type), intent(in) :: view
+      type(case_law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:, :)   !! (point, output) G
-      real(wp), intent(in) :: width(:, :)     !! (2, output) of G, by width_of
-      real(wp), intent(in) :: p               !! share of the law below
+      real(wp), intent(in) :: tail(:, :)                 !! (2, output) tail_ratio of G
+      real(wp), intent(in) :: p                          !! share of the law below the percentile
       type(estimates_type), intent(out) :: estimate
-      real(wp) :: average_row(size(view%rows, 1), size(values, 2))
-      real(wp) :: average(size(surrogate%eigenvalue), size(values, 2)), smeared(size(values, 1))
-      integer :: near(2*half_of_near(view), size(values, 2)), o
-      real(wp) :: residual(size(near, 1)), bare, full
-      integer, allocatable :: around(:)
+      real(wp) :: average_row(size(law%rows, 1), size(values, 2))
+      real(wp) :: average(size(surrogate%eigenvalue), size(values, 2)), sums(size(values, 1))
+      integer :: near(2*max(fewest_near, nint(near_share*(law%last - law%first + 1))), &
+                      size(values, 2)), o                     ! (number, output) samples
+      real(wp) :: residual(size(near, 1)), of_fit, of_sums    ! percentiles
+      integer, allocatable :: points(:)
 
       allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)))
-      allocate (estimate%excess, mold=width)
+      allocate (estimate%tail_factor, mold=tail)
       do o = 1, size(values, 2)
-         call find_quantile(values(:, o), view%weight, p, window, bare, around)
-         average_row(:, o) = mean_of_some(view%rows, around)
-         near(:, o) = samples_near(fit%predicted(:, o), bare, size(near, 1))
-         associate (own => fit%residual(view%first:view%last, o))
+         call find_quantile(values(:, o), law%weight, p, half_window, of_fit, points)
+         average_row(:, o) = mean_column(law%rows, points)
+         near(:, o) = samples_near(fit%predicted(:, o), of_fit, size(near, 1))
+         associate (own => fit%residual(law%first:law%last, o))
             residual = fit%residual(near(:, o), o) - sum(own)/size(own)
          end associate
-         smeared = plus_in_turn(values(:, o), residual)
-         call find_quantile(smeared, view%weight, p, 0.0_wp, full, around)
-         estimate%value(o) = 0.5_wp*(bare + full)
-         estimate%bias(o) = 0.5_wp*(bare - full)   ! inwards, as plain sampling's
+         sums = add_in_turn(values(:, o), residual)
+         call find_quantile(sums, law%weight, p, 0.0_wp, of_sums, points)
+         estimate%value(o) = 0.5_wp*(of_fit + of_sums)
+         estimate%bias(o) = 0.5_wp*(of_fit - of_sums)   ! inwards, as plain sampling's
       end do
       call average_features(surrogate, average_row, 1.0_wp, average)
       call find_weights(surrogate, fit, average, 1.0_wp, estimate%influence)
-      call weigh_residuals(surrogate, fit, estimate)
+      call find_influences(surrogate, fit, estimate)
       do o = 1, size(values, 2)
          residual = fit%residual(near(:, o), o)
          residual = (residual - sum(residual)/size(residual))/(2*size(residual))
          estimate%influence(near(:, o), o) = estimate%influence(near(:, o), o) + residual
-         estimate%excess(:, o) = excess_of(width(:, o), estimate%kappa(o))
+         estimate%tail_factor(:, o) = tail_factors(tail(:, o), estimate%kappa(o))
       end do
    end subroutine law_percentile
 
-   !> Values plus residuals, which are taken in turn.
-   pure function plus_in_turn(values, residual) result(smeared)
+   !> Values plus residuals, which are repeated cyclically.
+   pure function add_in_turn(values, residual) result(sums)
       real(wp), intent(in) :: values(:), residual(:)
-      real(wp) :: smeared(size(values))
+      real(wp) :: sums(size(values))
       integer :: first, n
 
       do first = 1, size(values), size(residual)
          n = min(size(residual), size(values) - first + 1)
-         smeared(first:first + n - 1) = values(first:first + n - 1) + residual(:n)
+         sums(first:first + n - 1) = values(first:first + n - 1) + residual(:n)
       end do
-   end function plus_in_turn
+   end function add_in_turn
 
-   pure integer function half_of_near(view)
-      type(view_type), intent(in) :: view
-
-      half_of_near = max(least_near, nint(share_of_near*(view%last - view%first + 1)))
-   end function half_of_near
-
-   !> Mean of columns, of as many as matter.
-   pure function mean_of_some(columns, places) result(mean)
+   !> Mean of the columns at some places, or of `most_averaged` of them.
+   pure function mean_column(columns, places) result(mean)
       real(wp), intent(in) :: columns(:, :)
       integer, intent(in) :: places(:)
       real(wp) :: mean(size(columns, 1))
       integer :: i, n
 
-      n = min(size(places), most_in_window)
+      n = min(size(places), most_averaged)
       mean = 0.0_wp
       do i = 1, n
          mean = mean + columns(:, places(1 + ((i - 1)*size(places))/n))
       end do
       mean = mean/n
-   end function mean_of_some
+   end function mean_column
 
-   !> The samples whose predictions are next in rank to a value, as many on either side where there
-   !> are as many.
+   !> Samples whose predictions are next in rank to a value: equally many below and above, as far as
+   !> there are enough.
    pure function samples_near(predicted, value, n_near) result(near)
       real(wp), intent(in) :: predicted(:)   !! (sample)
       real(wp), intent(in) :: value
       integer, intent(in) :: n_near
       integer :: near(n_near)
-      integer :: n_below, n_from_below
+      integer :: n_below, n_lower
 
       n_below = count(predicted < value)
-      n_from_below = max(min(n_near/2, n_below), n_near - (size(predicted) - n_below))
-      near(:n_from_below) = places_of_least(value - predicted, predicted < value, n_from_below)
-      near(n_from_below + 1:) = places_of_least(predicted - value, predicted >= value, &
-                                        n_near - n_from_below)
+      n_lower = max(min(n_near/2, n_below), n_near - (size(predicted) - n_below))
+      near(:n_lower) = smallest_places(value - predicted, predicted < value, n_lower)
+      near(n_lower + 1:) = smallest_places(predicted - value, predicted >= value, &
+                                           n_near - n_lower)
    end function samples_near
 
-   !> The places of the least values among some, the least first.
-   pure function places_of_least(values, is_meant, n) result(places)
+   !> Places of the n smallest values among the candidates, in ascending order.
+   pure function smallest_places(values, is_candidate, n) result(places)
       real(wp), intent(in) :: values(:)
-      logical, intent(in) :: is_meant(:)   !! n or more
+      logical, intent(in) :: is_candidate(:)   !! n at least
       integer, intent(in) :: n
       integer :: places(n)
       integer :: found, i, k
 
       found = 0
       do i = 1, size(values)
-         if (.not. is_meant(i)) cycle
+         if (.not. is_candidate(i)) cycle
          if (found == n) then
             if (n == 0) return
             if (values(i) >= values(places(n))) cycle
@@ -219,85 +211,87 @@ contains
          end do
          places(k) = i
       end do
-   end function places_of_least
+   end function smallest_places
 
-   !> Estimates the mean of y = exp(output) half way between the mean of exp(G) and the ratio
-   !> estimate from it, half of their difference as bias; then a part of the way from there to the
-   !> mean of exp(G + v/2), v the variance of G, with that as bias if it is larger.
-   subroutine law_mean_of_exponential(surrogate, fit, view, grown, y, estimate)
+   !> Estimates the mean of y = exp(output), a density: D + ([exp(G + v/2)] - D)/4 with v the
+   !> variance of G and D = [exp G] sqrt(ratio), ratio = sum y/sum exp(predicted). The bias is half
+   !> of what the ratio or, if it is larger, the whole of what v adds.
+   subroutine law_mean_of_exponential(surrogate, fit, law, exp_values, y, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
-      type(view_type), intent(in) :: view
-      real(wp), intent(in), contiguous :: grown(:, :)   !! (point, output) exp(G)
-      real(wp), intent(in) :: y(:, :)         !! (own sample, output)
+      type(case_law_type), intent(in) :: law
+      real(wp), intent(in), contiguous :: exp_values(:, :)   !! (point, output) exp(G)
+      real(wp), intent(in) :: y(:, :)                        !! (sample of the case, output)
       type(estimates_type), intent(out) :: estimate
-      real(wp), allocatable :: weighted(:, :), average_row(:, :), average(:, :)
-      real(wp), allocatable :: of_samples(:, :), average_of_samples(:, :)
-      real(wp), allocatable :: feature(:, :), variance(:, :), weight(:, :)
-      real(wp) :: each(size(grown, 1)), some_weight(size(view%some_rows, 2)), width(size(grown, 2))
-      real(wp) :: mean, part, ratio
-      integer :: o
+      real(wp), allocatable :: average_row(:, :), average(:, :), feature(:, :), weight(:, :)
+      real(wp), allocatable :: growth(:, :)         ! (every 4th point, output) v, then exp(v/2)
+      real(wp), allocatable :: point_share(:, :)    ! (every 4th point, output) in [exp G]
+      real(wp), allocatable :: sample_share(:, :)   ! (sample of the case, output) in the same
+      real(wp), allocatable :: sample_average(:, :)
+      real(wp) :: density(size(exp_values, 1)), thin_weight(size(law%thin_rows, 2))
+      real(wp) :: correction, mean, ratio, tail(size(exp_values, 2))
+      integer :: n, o
 
-      allocate (weighted(size(view%some_rows, 2), size(grown, 2)))
-      allocate (variance, mold=weighted)
-      allocate (average_row(size(view%rows, 1), size(grown, 2)))
-      allocate (average(size(surrogate%eigenvalue), size(grown, 2)))
-      allocate (average_of_samples, mold=average)
-      allocate (estimate%value(size(grown, 2)), estimate%excess(2, size(grown, 2)))
-      allocate (estimate%bias, mold=estimate%value)
-      call predict_variance(surrogate, fit, view%some_square, view%rest, variance)
-      some_weight = view%weight(::thinning)/sum(view%weight(::thinning))
-      of_samples = fit%predicted(view%first:view%last, :)
-      do o = 1, size(grown, 2)
-         call exponentiate(of_samples(:, o))
-         each = view%weight*grown(:, o)
-         mean = sum(each)
-         weighted(:, o) = each(::thinning)/sum(each(::thinning))
-         ratio = sum(y(:, o))/sum(of_samples(:, o))
-         of_samples(:, o) = of_samples(:, o)/sum(of_samples(:, o))
+      n = size(exp_values, 2)
+      allocate (point_share(size(law%thin_rows, 2), n), average_row(size(law%rows, 1), n))
+      allocate (average(size(surrogate%eigenvalue), n))
+      allocate (growth, mold=point_share)
+      allocate (sample_average, mold=average)
+      allocate (estimate%value(n), estimate%bias(n), estimate%tail_factor(2, n))
+      call predict_variance(surrogate, fit, law%thin_square, law%thin_rest, growth)
+      thin_weight = law%weight(::thinning)/sum(law%weight(::thinning))
+      sample_share = fit%predicted(law%first:law%last, :)
+      do o = 1, n
+         call exponentiate(sample_share(:, o))
+         density = law%weight*exp_values(:, o)
+         mean = sum(density)
+         point_share(:, o) = density(::thinning)/sum(density(::thinning))
+         ratio = sum(y(:, o))/sum(sample_share(:, o))
+         sample_share(:, o) = sample_share(:, o)/sum(sample_share(:, o))
          estimate%value(o) = mean*sqrt(ratio)
          estimate%bias(o) = 0.5_wp*mean*(ratio - 1.0_wp)
-         associate (e => fit%residual(view%first:view%last, o), &
-                    left => fit%left(view%first:view%last, o))
-            variance(:, o) = min(largest, 0.5_wp*variance(:, o) &
-                                 *noise_of(of_samples(:, o), e**2*left))
+         associate (e => fit%residual(law%first:law%last, o), &
+                    one_minus_h => fit%one_minus_h(law%first:law%last, o))
+            growth(:, o) = min(largest_half_variance, 0.5_wp*growth(:, o) &
+                               *noise_variance(sample_share(:, o), e**2*one_minus_h))
          end associate
-         call exponentiate(variance(:, o))
-         width(o) = width_of_densities(some_weight, weighted(:, o), variance(:, o), y(:, o))
-         part = share_of_variance*(mean*dot_product(weighted(:, o), variance(:, o)) &
-                                   - estimate%value(o))
-         estimate%value(o) = estimate%value(o) + part
-         if (abs(part) > abs(estimate%bias(o))) estimate%bias(o) = part
+         call exponentiate(growth(:, o))
+         tail(o) = density_tail_ratio(thin_weight, point_share(:, o), growth(:, o), y(:, o))
+         correction = variance_share*(mean*dot_product(point_share(:, o), growth(:, o)) &
+                                      - estimate%value(o))
+         estimate%value(o) = estimate%value(o) + correction
+         if (abs(correction) > abs(estimate%bias(o))) estimate%bias(o) = correction
       end do
-      call multiply(view%some_rows, weighted, average_row)
+      call multiply(law%thin_rows, point_share, average_row)
       call average_features(surrogate, average_row, 1.0_wp, average)
-      feature = surrogate%feature(view%first:view%last, :)
-      call multiply(feature, of_samples, average_of_samples, transposes_a=.true.)
-      average = average - 0.5_wp*average_of_samples
+      feature = surrogate%feature(law%first:law%last, :)
+      call multiply(feature, sample_share, sample_average, transposes_a=.true.)
+      average = average - 0.5_wp*sample_average
       call find_weights(surrogate, fit, average, 0.5_wp, weight)
       estimate%influence = fit%residual*weight
-      do o = 1, size(grown, 2)
-         associate (own => estimate%influence(view%first:view%last, o), &
-                    of_own => weight(view%first:view%last, o))
-            own = own + 0.5_wp*(y(:, o)/sum(y(:, o)) - of_samples(:, o))
-            of_own = of_own + 0.5_wp*of_samples(:, o)   ! y/exp(G) - 1 is about the residual
+      do o = 1, n
+         associate (influence => estimate%influence(law%first:law%last, o), &
+                    own_weight => weight(law%first:law%last, o))
+            influence = influence + 0.5_wp*(y(:, o)/sum(y(:, o)) - sample_share(:, o))
+            ! for kappa: y/exp(predicted) - 1 is nearly the residual
+            own_weight = own_weight + 0.5_wp*sample_share(:, o)
          end associate
          estimate%influence(:, o) = estimate%influence(:, o)*estimate%value(o)
       end do
       estimate%kappa = kappa_of(fit, weight)
-      call scale_influences(surrogate, estimate)
-      do o = 1, size(grown, 2)
-         estimate%excess(:, o) = excess_of(spread(width(o), 1, 2), estimate%kappa(o))
+      call scale_by_pairs(surrogate, estimate)
+      do o = 1, n
+         estimate%tail_factor(:, o) = tail_factors([tail(o), tail(o)], estimate%kappa(o))
       end do
    end subroutine law_mean_of_exponential
 
-   !> Variance of the noise: the mean of the samples' own; that by their shares in the mean where
-   !> those that carry it have less.
-   pure real(wp) function noise_of(share, of_sample)
-      real(wp), intent(in) :: share(:)       !! (sample) their sum is 1
-      real(wp), intent(in) :: of_sample(:)   !! (sample)
+   !> Variance of the noise, tau^2: mean over the samples, or mean weighted by their shares in the
+   !> mean density if that is less.
+   pure real(wp) function noise_variance(share, square)
+      real(wp), intent(in) :: share(:)    !! (sample), their sum is 1
+      real(wp), intent(in) :: square(:)   !! (sample) e^2 (1 - h)
 
-      noise_of = min(sum(of_sample)/size(of_sample), dot_product(share, of_sample))
-   end function noise_of
+      noise_variance = min(sum(square)/size(square), dot_product(share, square))
+   end function noise_variance
 
 end module statistics_regression

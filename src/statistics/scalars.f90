@@ -1,16 +1,15 @@
-!> Best estimates of the statistics of numbers of the samples: slip fractions, slip distances,
-!> dissipations, amplitudes.
+!> Estimates of means, standard deviations and percentiles of slip fractions, slip distances,
+!> dissipations and amplitudes, by the regression and plain sampling together (docs/regression.md).
 module statistics_scalars
    use core_error, only: error_type
    use core_kinds, only: wp
-   use statistics_blend, only: join
-   use statistics_estimates, only: estimates_type, inverse_density, plain_deviation, plain_mean, &
-                                   plain_percentile, statistic_type, two_sided, uncross, &
-                                   upward_error
-   use statistics_influences, only: view_law, view_type, width_of
-   use statistics_kernel_choice, only: learn_kernel
-   use statistics_law, only: choose_points, n_points
-   use statistics_pool, only: among_all, pool_type, residual_share
+   use statistics_blend, only: combine
+   use statistics_estimates, only: estimates_type, inverse_density, nonnegative_statistic, &
+                                   plain_deviation, plain_mean, plain_percentile, statistic_type, &
+                                   two_sided, uncross, upward_error
+   use statistics_influences, only: case_law_type, prepare_law, tail_ratio
+   use statistics_kernel_choice, only: choose_kernel
+   use statistics_pool, only: over_all_samples, pool_type, least_plain_share
    use statistics_regression, only: law_deviation, law_mean, law_percentile
    use statistics_sensitivity, only: find_sensitivity
    use statistics_surrogate, only: fit_outputs, fit_type, predict, surrogate_type
@@ -22,9 +21,9 @@ module statistics_scalars
 
 contains
 
-   !> Estimates several numbers of the samples, amounts and fractions, none negative, for every
-   !> case of a pool. For percentiles fits the root of an amount and the angle asin(sqrt(y)) of a
-   !> fraction. A table of statistics has the mean, the percentiles, and the standard deviation.
+   !> Estimates the mean, the percentiles and the standard deviation, in this order, of several
+   !> numbers of the samples, for every case of a pool. The numbers are amounts and fractions, none
+   !> negative. Percentiles come from a fit to the root of an amount and the angle of a fraction.
    subroutine estimate_scalars(pool, y, is_fraction, share_below, plain, estimates, sensitivity, &
                                error)
       type(pool_type), intent(in) :: pool
@@ -36,24 +35,24 @@ contains
       type(statistic_type), intent(out) :: estimates(:, :, :)   !! (number, statistic, case)
       type(statistic_type), intent(out) :: sensitivity(:, :)    !! (input, case) of the first number
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: bent(size(y, 1), size(y, 2))   ! (sample, number)
+      real(wp) :: transformed(size(y, 1), size(y, 2))   ! (sample, number)
       type(surrogate_type) :: surrogate
-      type(fit_type) :: fit, bent_fit
-      type(view_type) :: view
-      integer :: case_number, number
+      type(fit_type) :: fit, transformed_fit
+      type(case_law_type) :: law
+      integer :: case_number, i, n_numbers
 
-      do number = 1, size(y, 2)
-         bent(:, number) = bend(y(:, number), is_fraction(number))
+      n_numbers = size(y, 2)
+      do i = 1, n_numbers
+         transformed(:, i) = transform(y(:, i), is_fraction(i))
       end do
-      call learn_kernel(pool%x, reshape([y, bent], [size(y, 1), 2*size(y, 2)]), surrogate, error)
+      call choose_kernel(pool%x, reshape([y, transformed], [size(y, 1), 2*n_numbers]), surrogate, &
+                         error)
       if (allocated(error)) return
       call fit_outputs(surrogate, y, fit)
-      call fit_outputs(surrogate, bent, bent_fit)
+      call fit_outputs(surrogate, transformed, transformed_fit)
       do case_number = 1, size(plain, 3)
-         call choose_points(pool%draws(case_number), surrogate%direction, n_points, &
-                            view%law_type, error)
+         call prepare_law(pool, case_number, surrogate, law, error)
          if (allocated(error)) return
-         call view_law(surrogate, pool%first(case_number), pool%first(case_number + 1) - 1, view)
          call estimate_moments(case_number, estimates(:, :, case_number))
          if (allocated(error)) return
          call estimate_percentiles(case_number, estimates(:, :, case_number))
@@ -65,89 +64,92 @@ contains
       subroutine estimate_moments(case_number, best)
          integer, intent(in) :: case_number
          type(statistic_type), intent(inout) :: best(:, :)   !! (number, statistic)
-         type(estimates_type) :: ours, theirs, both
-         real(wp) :: values(size(view%weight), size(y, 2))
+         type(estimates_type) :: fitted, sampled, blended
+         real(wp) :: values(size(law%weight), n_numbers)
          integer :: i
 
-         associate (own => y(view%first:view%last, :), n => pool%n_samples(case_number), &
-                    sampled => plain(:, :, case_number), last => size(plain, 2))
-            call predict(fit, view%rows, values)
-            call law_mean(surrogate, fit, view, values, ours)
-            theirs = among_all(pool, case_number, plain_mean(own), sampled(:, 1)%value)
-            call join(view, values, n, ours, theirs, [(0.0_wp, i=1, size(y, 2))], both, error)
+         associate (own => y(law%first:law%last, :), last => size(plain, 2), &
+                    residual => fit%residual(law%first:law%last, :))
+            call predict(fit, law%rows, values)
+            call law_mean(surrogate, fit, law, values, fitted)
+            sampled = over_all_samples(pool, case_number, plain_mean(own), &
+                                       plain(:, 1, case_number)%value)
+            call combine(law, values, fitted, sampled, [(0.0_wp, i=1, n_numbers)], blended, error)
             if (allocated(error)) return
-            best(:, 1)%value = both%value
-            best(:, 1)%error = upward_error(both%value, both%stated)
-            best(:, 1)%ratio = both%ratio
-            call law_deviation(surrogate, fit, view, values, ours)
-            theirs = among_all(pool, case_number, plain_deviation(own), &
-                               sampled(:, last)%value)
-            call find_sensitivity(surrogate, fit, view, values(:, 1), ours, &
+            best(:, 1) = nonnegative_statistic(blended%value, blended%error, blended%ratio)
+            call law_deviation(surrogate, fit, law, values, fitted)
+            sampled = over_all_samples(pool, case_number, plain_deviation(own), &
+                                       plain(:, last, case_number)%value)
+            call find_sensitivity(surrogate, fit, law, values(:, 1), fitted, &
                                   sensitivity(:, case_number), error)
             if (allocated(error)) return
-            do i = 1, size(y, 2)   ! the root of a mean of squares
-               values(:, i) = (values(:, i) - dot_product(view%weight, values(:, i)))**2 &
-                              /(2.0_wp*ours%value(i))
+            do i = 1, n_numbers   ! change of the root of the variance
+               values(:, i) = (values(:, i) - dot_product(law%weight, values(:, i)))**2 &
+                              /(2.0_wp*fitted%value(i))
             end do
-            call join(view, values, n, ours, theirs, &
-                      residual_share(fit%residual(view%first:view%last, :), own), both, error)
+            call combine(law, values, fitted, sampled, least_plain_share(residual, own), blended, &
+                         error)
             if (allocated(error)) return
-            best(:, last)%value = both%value
-            best(:, last)%error = upward_error(both%value, both%stated)
-            best(:, last)%ratio = both%ratio
+            best(:, last) = nonnegative_statistic(blended%value, blended%error, blended%ratio)
          end associate
       end subroutine estimate_moments
 
       subroutine estimate_percentiles(case_number, best)
          integer, intent(in) :: case_number
          type(statistic_type), intent(inout) :: best(:, :)   !! (number, statistic)
-         type(estimates_type) :: ours, theirs, both
-         real(wp), dimension(size(view%weight), size(y, 2)) :: of_point, values
-         real(wp) :: least(size(y, 2)), ends(2), inverse, width(2, size(y, 2))
-         integer :: i, n, p
+         type(estimates_type) :: fitted, sampled, blended
+         real(wp), dimension(size(law%weight), n_numbers) :: point_influence, values
+         real(wp) :: ends(2), least_share(n_numbers), tail(2, n_numbers)
+         integer :: i, p
 
-         n = pool%n_samples(case_number)
-         call predict(bent_fit, view%rows, values)
+         call predict(transformed_fit, law%rows, values)
          values = max(0.0_wp, values)
-         do i = 1, size(y, 2)
+         do i = 1, n_numbers
             if (is_fraction(i)) values(:, i) = min(values(:, i), right_angle)
-            width(:, i) = width_of(view, values(:, i), bent_fit%predicted(:, i))
+            tail(:, i) = tail_ratio(law, values(:, i), transformed_fit%predicted(:, i))
          end do
-         least = residual_share(bent_fit%residual(view%first:view%last, :), &
-                                bent(view%first:view%last, :))
-         do p = 1, size(share_below)
-            call law_percentile(surrogate, bent_fit, view, values, width, share_below(p), ours)
-            theirs = among_all(pool, case_number, plain_percentile(bent(view%first:view%last, :), &
-                                                                   share_below(p)), &
-                               bend(plain(:, 1 + p, case_number)%value, is_fraction))
-            do i = 1, size(y, 2)
-               inverse = inverse_density(theirs%influence(:, i), n, share_below(p))
-               of_point(:, i) = merge(-inverse, 0.0_wp, values(:, i) <= ours%value(i))
+         associate (own => transformed(law%first:law%last, :))
+            least_share = least_plain_share(transformed_fit%residual(law%first:law%last, :), own)
+            do p = 1, size(share_below)
+               call law_percentile(surrogate, transformed_fit, law, values, tail, share_below(p), &
+                                   fitted)
+               sampled = over_all_samples(pool, case_number, &
+                                          plain_percentile(own, share_below(p)), &
+                                          transform(plain(:, 1 + p, case_number)%value, &
+                                                    is_fraction))
+               do i = 1, n_numbers   ! leaving a point out moves a percentile by 1/density
+                  point_influence(:, i) = merge(-inverse_density(sampled%influence(:, i), &
+                                                                 law%n_samples, share_below(p)), &
+                                                0.0_wp, values(:, i) <= fitted%value(i))
+               end do
+               call combine(law, point_influence, fitted, sampled, least_share, blended, error)
+               if (allocated(error)) return
+               do i = 1, n_numbers
+                  ends = blended%error(i)*blended%stretch(:, i)
+                  if (share_below(p) > 0.5_wp) ends(2) = upward_error(blended%value(i), ends(2))
+                  ends = transform_back(blended%value(i) + two_sided*[-ends(1), ends(2)], &
+                                        is_fraction(i))
+                  if (may_be_zero(y(law%first:law%last, i), share_below(p))) ends(1) = 0.0_wp
+                  associate (value => transform_back(blended%value(i), is_fraction(i)))
+                     best(i, 1 + p) = statistic_type(value, low=ends(1), high=ends(2), &
+                                                     ratio=blended%ratio(i))
+                  end associate
+               end do
             end do
-            call join(view, of_point, n, ours, theirs, least, both, error)
-            if (allocated(error)) return
-            do i = 1, size(y, 2)
-               ends = both%stated(i)*both%stretch(:, i)
-               if (share_below(p) > 0.5_wp) ends(2) = upward_error(both%value(i), ends(2))
-               ends = unbend(both%value(i) + two_sided*[-ends(1), ends(2)], is_fraction(i))
-               if (may_be_zero(y(view%first:view%last, i), share_below(p))) ends(1) = 0.0_wp
-               best(i, 1 + p) = statistic_type(unbend(both%value(i), is_fraction(i)), &
-                                               low=ends(1), high=ends(2), ratio=both%ratio(i))
-            end do
-         end do
-         do i = 1, size(y, 2)
+         end associate
+         do i = 1, n_numbers
             call uncross(best(i, 2:1 + size(share_below)))
          end do
       end subroutine estimate_percentiles
 
    end subroutine estimate_scalars
 
-   !> True if as many samples are zero as plain sampling's interval of a percentile leaves below it
-   !> (binomial, two-sided 95 %), and more than one. The law may have a share p at zero then, where
-   !> it ends; a continuous G is not there.
+   !> True if the interval of a percentile may begin at zero: more than one sample is zero, and as
+   !> many as lie below plain sampling's interval (binomial, 95 %). A continuous G does not know a
+   !> share of the law at zero.
    pure logical function may_be_zero(y, p)
       real(wp), intent(in) :: y(:)   !! (sample), not negative
-      real(wp), intent(in) :: p      !! share of the law below
+      real(wp), intent(in) :: p      !! share of the law below the percentile
       integer :: n, n_zero
 
       n = size(y)
@@ -155,23 +157,23 @@ contains
       may_be_zero = n_zero > 1 .and. n_zero >= 1 + p*(n - 1) - two_sided*sqrt(p*(1.0_wp - p)*n)
    end function may_be_zero
 
-   !> The angle of a fraction, the root of an amount.
-   elemental real(wp) function bend(value, is_fraction)
+   !> Angle asin(sqrt(y)) of a fraction, root of an amount.
+   elemental real(wp) function transform(value, is_fraction)
       real(wp), intent(in) :: value
       logical, intent(in) :: is_fraction
 
-      bend = sqrt(value)
-      if (is_fraction) bend = asin(min(bend, 1.0_wp))
-   end function bend
+      transform = sqrt(value)
+      if (is_fraction) transform = asin(min(transform, 1.0_wp))
+   end function transform
 
-   !> Value whose angle was taken.
-   elemental real(wp) function unbend(value, is_fraction)
+   !> Fraction or amount, from its angle or root.
+   elemental real(wp) function transform_back(value, is_fraction)
       real(wp), intent(in) :: value
       logical, intent(in) :: is_fraction
 
-      unbend = max(0.0_wp, value)
-      if (is_fraction) unbend = sin(min(unbend, right_angle))
-      unbend = unbend**2
-   end function unbend
+      transform_back = max(0.0_wp, value)
+      if (is_fraction) transform_back = sin(min(transform_back, right_angle))
+      transform_back = transform_back**2
+   end function transform_back
 
 end module statistics_scalars

@@ -1,42 +1,44 @@
-!> Best estimates of the spectra of a case: mean and percentiles over the friction law at each
-!> frequency that has power ((1) of docs/regression.md), their pseudo-variances, Eq. (46), and the
-!> ratio of the outer percentiles'.
+!> Estimates of the spectra of a case, by the regression and plain sampling together: mean and
+!> percentiles of the power spectral density at each frequency that has power, formula (1) of
+!> docs/regression.md; their integrals, the pseudo-variances of Eq. (46); and the band ratio, the
+!> integral of the last percentile over that of the first.
 module statistics_spectra
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_elementary, only: exponentiate
    use numerics_sorting, only: sort_order
-   use statistics_blend, only: join, state_error
-   use statistics_estimates, only: downward_error, estimates_type, inverse_density, plain_mean, &
-                                   plain_percentile, statistic_type, two_sided, uncross, &
-                                   upward_error
-   use statistics_influences, only: thin_view, view_law, view_type, width_of
-   use statistics_kernel_choice, only: learn_kernel
-   use statistics_law, only: choose_points, error_of_points, n_points
-   use statistics_pool, only: among_all, pool_type, residual_share
+   use statistics_blend, only: combine, state_error
+   use statistics_estimates, only: downward_error, estimates_type, inverse_density, &
+                                   nonnegative_statistic, plain_mean, plain_percentile, &
+                                   statistic_type, two_sided, uncross, upward_error
+   use statistics_influences, only: case_law_type, prepare_law, prepare_thin_points, tail_ratio
+   use statistics_kernel_choice, only: choose_kernel
+   use statistics_law, only: error_of_points
+   use statistics_pool, only: over_all_samples, least_plain_share, pool_type
    use statistics_regression, only: law_mean_of_exponential, law_percentile
-   use statistics_surrogate, only: fit_outputs, fit_type, make_room, predict, surrogate_type
+   use statistics_surrogate, only: fit_outputs, fit_type, predict, reallocate, surrogate_type
    implicit none(type, external)
    private
    public :: estimate_spectrum, last_powerful
 
-   integer, parameter, public :: together = 128   !! frequencies
-   integer, parameter :: choosing = 24        !! frequencies choose the kernel, or a few more
-   real(wp), parameter :: share_above = 1.0e-4_wp   !! of the power, left to plain sampling
-   real(wp), parameter :: least_density = 1.0e-290_wp   !! its logarithm is finite
+   integer, parameter, public :: together = 128   !! frequencies that are estimated together
+   integer, parameter :: n_choosing = 24          !! frequencies at which the kernel is chosen
+   real(wp), parameter :: power_above = 1.0e-4_wp       !! share of the power, by plain sampling
+   real(wp), parameter :: least_density = 1.0e-290_wp   !! keeps the logarithm finite
 
-   !> An integral over frequency, in the making.
+   !> Integral of a statistic over frequency, as far as it is summed.
    type :: integral_type
       real(wp) :: value = 0.0_wp, bias = 0.0_wp
       real(wp), allocatable :: influence(:), plain_influence(:)   !! (sample)
-      real(wp) :: parts = 0.0_wp, stretched(2) = 0.0_wp   !! sums of parts' errors, times stretch
+      !> sum over frequencies of the standard errors, and of these times the stretch down and up
+      real(wp) :: error_sum = 0.0_wp, stretched_sum(2) = 0.0_wp
    end type integral_type
 
 contains
 
-   !> Estimates the spectra of one dof for every case of a pool, at the first frequencies; those
-   !> above are plain sampling's in the integrals. A spectrum has the mean and the percentiles, the
-   !> integrals of both are followed by the band ratio.
+   !> Estimates the spectra of one dof for every case of a pool, at the frequencies that have power;
+   !> the integrals include plain sampling's spectra above them. A spectrum has the mean and the
+   !> percentiles; the integrals are those of the same, then the band ratio.
    subroutine estimate_spectrum(pool, density, step, share_below, plain, spectra, integrals, error)
       type(pool_type), intent(in) :: pool
       real(wp), intent(in) :: density(:, :)        !! (sample, frequency) up to last_powerful
@@ -47,72 +49,75 @@ contains
       type(statistic_type), intent(out) :: spectra(:, :, :)   !! (frequency, statistic, case)
       type(statistic_type), intent(out) :: integrals(:, :)    !! (statistic, case)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: outputs(:, :), some(:, :)
-      !> (point, frequency) of a part: G; exp(G), then influences of points on a percentile
-      real(wp), allocatable :: values(:, :), grown(:, :)
+      real(wp), allocatable :: outputs(:, :)       ! (sample, frequency) ln density
+      real(wp), allocatable :: values(:, :)        ! (point, frequency of a group) G
+      !> (point, frequency of a group) function whose mean over the law is estimated: exp(G), or the
+      !> influence of the points on a percentile
+      real(wp), allocatable :: averaged(:, :)
       type(surrogate_type) :: surrogate
-      type(fit_type), allocatable :: fits(:)
-      type(view_type) :: view
-      integer :: k, number
+      type(fit_type), allocatable :: fits(:)       ! (group of frequencies)
+      type(case_law_type) :: law
+      integer :: case_number, k
 
       outputs = log(max(density, least_density))
-      some = outputs(:, ::max(1, size(outputs, 2)/choosing))
-      call learn_kernel(pool%x, some, surrogate, error)
+      associate (chosen => outputs(:, ::max(1, size(outputs, 2)/n_choosing)))
+         call choose_kernel(pool%x, chosen, surrogate, error)
+      end associate
       if (allocated(error)) return
       allocate (fits((size(outputs, 2) - 1)/together + 1))
       do k = 1, size(fits)
          call fit_outputs(surrogate, outputs(:, first_of(k):first_of(k + 1) - 1), fits(k))
       end do
-      do number = 1, size(plain, 3)
-         call choose_points(pool%draws(number), surrogate%direction, n_points, view%law_type, &
-                            error)
+      do case_number = 1, size(plain, 3)
+         call prepare_law(pool, case_number, surrogate, law, error)
          if (allocated(error)) return
-         call view_law(surrogate, pool%first(number), pool%first(number + 1) - 1, view)
-         call thin_view(surrogate, view)
-         call estimate_case(number, spectra(:, :, number), integrals(:, number))
+         call prepare_thin_points(surrogate, law)
+         call estimate_case(case_number, spectra(:, :, case_number), integrals(:, case_number))
       end do
 
    contains
 
-      !> First frequency of a part.
+      !> First frequency of a group.
       pure integer function first_of(k)
          integer, intent(in) :: k
 
          first_of = min(1 + (k - 1)*together, size(outputs, 2) + 1)
       end function first_of
 
-      subroutine estimate_case(number, spectrum, integral)
-         integer, intent(in) :: number
+      subroutine estimate_case(case_number, spectrum, integral)
+         integer, intent(in) :: case_number
          type(statistic_type), intent(inout) :: spectrum(:, :)   !! (frequency, statistic)
          type(statistic_type), intent(inout) :: integral(:)      !! (statistic)
          type(integral_type) :: sums(size(spectrum, 2))          ! (statistic)
-         integer, allocatable :: ranking(:, :)   ! (rank, frequency) the case's samples
-         real(wp), allocatable :: width(:, :)    ! (2, frequency) of G
-         !> of exp(G) at each point; influences of each point on those of percentiles, and on the
-         !> logarithm of the last one's over the first one's
-         real(wp) :: power(size(view%weight), size(integral))
-         real(wp) :: of_points(size(integral)), reach(2)
+         integer, allocatable :: ranking(:, :)   ! (rank, frequency of the group) samples
+         real(wp), allocatable :: tail(:, :)     ! (2, frequency of the group) tail_ratio of G
+         !> influences of the points on the regression's share of the integrals, and of the
+         !> logarithm of the band ratio
+         real(wp) :: point_influence(size(law%weight), size(integral))
+         real(wp) :: point_error(size(integral)), sides(2)
          integer :: f, first, k, last, n, s
 
-         sums%value = step*sum(plain(size(outputs, 2) + 1:, :, number)%value, 1)
-         call make_room(values, size(view%weight), together)
-         call make_room(grown, size(view%weight), together)
-         power = 0.0_wp
+         sums%value = step*sum(plain(size(outputs, 2) + 1:, :, case_number)%value, 1)
+         call reallocate(values, size(law%weight), together)
+         call reallocate(averaged, size(law%weight), together)
+         point_influence = 0.0_wp
          do k = 1, size(fits)
             first = first_of(k)
             last = first_of(k + 1) - 1
             n = last - first + 1
-            call predict(fits(k), view%rows, values(:, :n))
-            call estimate_means(number, k, spectrum(first:last, 1), sums(1), power(:, 1))
+            call predict(fits(k), law%rows, values(:, :n))
+            call estimate_means(case_number, k, spectrum(first:last, 1), sums(1), &
+                                point_influence(:, 1))
             if (allocated(error)) return
-            allocate (ranking(view%last - view%first + 1, n), width(2, n))
+            allocate (ranking(law%last - law%first + 1, n), tail(2, n))
             do f = 1, n
-               width(:, f) = width_of(view, values(:, f), fits(k)%predicted(:, f))
-               ranking(:, f) = sort_order(outputs(view%first:view%last, first + f - 1))
+               tail(:, f) = tail_ratio(law, values(:, f), fits(k)%predicted(:, f))
+               ranking(:, f) = sort_order(outputs(law%first:law%last, first + f - 1))
             end do
             do s = 2, size(sums)
-               call estimate_percentiles(number, k, s, ranking, width, spectrum(first:last, s), &
-                                         sums(s), power(:, s))
+               call estimate_percentiles(case_number, k, s, ranking, tail, &
+                                         spectrum(first:last, s), sums(s), &
+                                         point_influence(:, s))
                if (allocated(error)) return
             end do
             do f = first, last
@@ -121,164 +126,163 @@ contains
             do s = 2, size(sums)
                sums(s)%value = sums(s)%value + step*sum(spectrum(first:last, s)%value)
             end do
-            deallocate (ranking, width)
+            deallocate (ranking, tail)
          end do
          n = size(sums)
-         power(:, n + 1) = power(:, n)/sums(n)%value - power(:, 2)/sums(2)%value
-         call error_of_points(view, power, of_points, error)
+         point_influence(:, n + 1) = point_influence(:, n)/sums(n)%value &
+                                     - point_influence(:, 2)/sums(2)%value
+         call error_of_points(law, point_influence, point_error, error)
          if (allocated(error)) return
-         do s = 1, n   ! of percentiles the longer side of the logarithm's interval
+         do s = 1, n
             integral(s)%value = sums(s)%value
-            call state_error(of_points(s), pool%n_samples(number), sums(s)%influence, &
-                             sums(s)%bias, sums(s)%plain_influence, 1.0_wp, integral(s)%error, &
-                             integral(s)%ratio)
-            reach = integral(s)%error*stretch_of(sums(s))
-            integral(s)%error = reach(2)
-            if (s > 1) integral(s)%error = max(downward_error(sums(s)%value, reach(1)), &
-                                               upward_error(sums(s)%value, reach(2)))
+            call state_error(point_error(s), law%n_samples, sums(s)%influence, sums(s)%bias, &
+                             sums(s)%plain_influence, 1.0_wp, integral(s)%error, integral(s)%ratio)
+            sides = integral(s)%error*stretch_of(sums(s))
+            integral(s)%error = sides(2)
+            ! the longer side of the interval of a percentile's logarithm
+            if (s > 1) integral(s)%error = max(downward_error(sums(s)%value, sides(1)), &
+                                               upward_error(sums(s)%value, sides(2)))
          end do
-         call find_ratio(number, of_points(n + 1), sums(2), sums(n), integral(n + 1))
+         call find_ratio(point_error(n + 1), sums(2), sums(n), integral(n + 1))
       end subroutine estimate_case
 
-      subroutine estimate_means(number, k, best, integral, power)
-         integer, intent(in) :: number, k
-         type(statistic_type), intent(inout) :: best(:)      !! (frequency) of part k
+      subroutine estimate_means(case_number, k, best, integral, point_influence)
+         integer, intent(in) :: case_number, k
+         type(statistic_type), intent(inout) :: best(:)      !! (frequency) of group k
          type(integral_type), intent(inout) :: integral
-         real(wp), intent(inout) :: power(:)   !! (point) of the regression's share
-         type(estimates_type) :: ours, theirs, both
+         real(wp), intent(inout) :: point_influence(:)       !! on the integral
+         type(estimates_type) :: fitted, sampled, blended
          integer :: first, last, n, o
 
          n = size(best)
          first = first_of(k)
          last = first_of(k + 1) - 1
-         associate (own => density(view%first:view%last, first:last))
-            theirs = among_all(pool, number, plain_mean(own), plain(first:last, 1, number)%value)
+         associate (own => density(law%first:law%last, first:last))
+            sampled = over_all_samples(pool, case_number, plain_mean(own), &
+                                       plain(first:last, 1, case_number)%value)
             do o = 1, n
-               grown(:, o) = values(:, o)
-               call exponentiate(grown(:, o))
+               averaged(:, o) = values(:, o)
+               call exponentiate(averaged(:, o))
             end do
-            call law_mean_of_exponential(surrogate, fits(k), view, grown(:, :n), own, ours)
+            call law_mean_of_exponential(surrogate, fits(k), law, averaged(:, :n), own, fitted)
          end associate
-         call join(view, grown(:, :n), pool%n_samples(number), ours, theirs, &
-                   [(0.0_wp, o=1, n)], both, error)
+         call combine(law, averaged(:, :n), fitted, sampled, [(0.0_wp, o=1, n)], blended, error)
          if (allocated(error)) return
          do o = 1, n
-            power = power + (step*(1.0_wp - both%share(o)))*grown(:, o)
+            point_influence = point_influence + (step*(1.0_wp - blended%share(o)))*averaged(:, o)
          end do
-         best%value = both%value
-         best%error = upward_error(both%value, both%stated)
-         best%ratio = both%ratio
-         allocate (both%stretch(2, n), source=1.0_wp)
-         where (both%stated > 0.0_wp) both%stretch(2, :) = best%error/both%stated
-         call add_to(integral, both, theirs, [(step, o=1, n)], [(step, o=1, n)])
-         integral%value = integral%value + step*sum(both%value)
+         best = nonnegative_statistic(blended%value, blended%error, blended%ratio)
+         allocate (blended%stretch(2, n), source=1.0_wp)
+         where (blended%error > 0.0_wp) blended%stretch(2, :) = best%error/blended%error
+         call add_frequencies(integral, blended, sampled, [(step, o=1, n)], [(step, o=1, n)])
+         integral%value = integral%value + step*sum(blended%value)
       end subroutine estimate_means
 
-      subroutine estimate_percentiles(number, k, s, ranking, width, best, integral, power)
-         integer, intent(in) :: number, k, ranking(:, :)
+      subroutine estimate_percentiles(case_number, k, s, ranking, tail, best, integral, &
+                                      point_influence)
+         integer, intent(in) :: case_number, k, ranking(:, :)
          integer, intent(in) :: s                            !! statistic
-         real(wp), intent(in) :: width(:, :)
-         type(statistic_type), intent(inout) :: best(:)      !! (frequency) of part k
+         real(wp), intent(in) :: tail(:, :)
+         type(statistic_type), intent(inout) :: best(:)      !! (frequency) of group k
          type(integral_type), intent(inout) :: integral
-         real(wp), intent(inout) :: power(:)   !! (point) influence of the regression's share
-         type(estimates_type) :: ours, theirs, both
-         real(wp) :: reach
+         real(wp), intent(inout) :: point_influence(:)       !! on the integral
+         type(estimates_type) :: fitted, sampled, blended
          integer :: first, last, n, o
 
          n = size(best)
          first = first_of(k)
          last = first_of(k + 1) - 1
-         associate (n_samples => pool%n_samples(number), p => share_below(s - 1))
-            associate (own => outputs(view%first:view%last, first:last))
-               theirs = among_all(pool, number, plain_percentile(own, p, ranking), &
-                                  log(max(plain(first:last, s, number)%value, least_density)))
-               call law_percentile(surrogate, fits(k), view, values(:, :n), width, p, ours)
-               do o = 1, n   ! leaving a point out moves a percentile by 1/density
-                  reach = inverse_density(theirs%influence(:, o), n_samples, p)
-                  grown(:, o) = merge(-reach, 0.0_wp, values(:, o) <= ours%value(o))
-               end do
-               call join(view, grown(:, :n), n_samples, ours, theirs, &
-                         residual_share(fits(k)%residual(view%first:view%last, :), own), both, &
-                         error)
-               if (allocated(error)) return
-            end associate
+         associate (p => share_below(s - 1), own => outputs(law%first:law%last, first:last), &
+                    residual => fits(k)%residual(law%first:law%last, :))
+            sampled = over_all_samples(pool, case_number, plain_percentile(own, p, ranking), &
+                                       log(max(plain(first:last, s, case_number)%value, &
+                                               least_density)))
+            call law_percentile(surrogate, fits(k), law, values(:, :n), tail, p, fitted)
+            do o = 1, n   ! leaving a point out moves a percentile by 1/density
+               averaged(:, o) = merge(-inverse_density(sampled%influence(:, o), law%n_samples, p), &
+                                      0.0_wp, values(:, o) <= fitted%value(o))
+            end do
+            call combine(law, averaged(:, :n), fitted, sampled, least_plain_share(residual, own), &
+                         blended, error)
+            if (allocated(error)) return
          end associate
+         best%value = exp(blended%value)
+         best%low = exp(blended%value - two_sided*blended%error*blended%stretch(1, :))
+         best%high = exp(blended%value + two_sided*blended%error*blended%stretch(2, :))
+         best%ratio = blended%ratio
          do o = 1, n
-            power = power + (step*exp(both%value(o))*(1.0_wp - both%share(o)))*grown(:, o)
+            point_influence = point_influence &
+                              + (step*best(o)%value*(1.0_wp - blended%share(o)))*averaged(:, o)
          end do
-         best%value = exp(both%value)
-         best%low = exp(both%value - two_sided*both%stated*both%stretch(1, :))
-         best%high = exp(both%value + two_sided*both%stated*both%stretch(2, :))
-         best%ratio = both%ratio
-         call add_to(integral, both, theirs, step*best%value, step*exp(theirs%value))
+         call add_frequencies(integral, blended, sampled, step*best%value, step*exp(sampled%value))
       end subroutine estimate_percentiles
 
       !> Computes the ratio of the last percentile's integral to the first one's; errors are those
       !> of its logarithm.
-      pure subroutine find_ratio(number, of_points, bottom, top, best)
-         integer, intent(in) :: number
-         real(wp), intent(in) :: of_points   !! standard error that they leave
+      pure subroutine find_ratio(point_error, bottom, top, best)
+         real(wp), intent(in) :: point_error   !! standard error by the points
          type(integral_type), intent(in) :: bottom, top
          type(statistic_type), intent(out) :: best
-         real(wp) :: of_plain(size(top%plain_influence)), ends(2), of_bottom, of_top, stated
+         real(wp) :: bottom_error, error, sides(2), top_error
 
-         of_plain = top%plain_influence/top%value - bottom%plain_influence/bottom%value
-         call state_error(of_points, pool%n_samples(number), &
+         call state_error(point_error, law%n_samples, &
                           top%influence/top%value - bottom%influence/bottom%value, &
-                          top%bias/top%value - bottom%bias/bottom%value, of_plain, 1.0_wp, stated, &
-                          best%ratio)
+                          top%bias/top%value - bottom%bias/bottom%value, &
+                          top%plain_influence/top%value - bottom%plain_influence/bottom%value, &
+                          1.0_wp, error, best%ratio)
          best%value = top%value/bottom%value
-         of_top = norm2(top%influence)/top%value
-         of_bottom = norm2(bottom%influence)/bottom%value
-         ends = stretch_of(bottom)
-         ends = (of_top*stretch_of(top) + of_bottom*ends(2:1:-1)) &
-                /max(of_top + of_bottom, tiny(stated))
-         best%low = best%value*exp(-two_sided*stated*ends(1))
-         best%high = best%value*exp(two_sided*stated*ends(2))
+         top_error = norm2(top%influence)/top%value
+         bottom_error = norm2(bottom%influence)/bottom%value
+         sides = stretch_of(bottom)
+         sides = (top_error*stretch_of(top) + bottom_error*sides(2:1:-1)) &
+                 /max(top_error + bottom_error, tiny(error))
+         best%low = best%value*exp(-two_sided*error*sides(1))
+         best%high = best%value*exp(two_sided*error*sides(2))
       end subroutine find_ratio
 
    end subroutine estimate_spectrum
 
-   !> Mean stretch of the parts of an integral; 1 where they have none.
+   !> Mean stretch over the frequencies of an integral, weighted by their errors; 1 without errors.
    pure function stretch_of(integral) result(stretch)
       type(integral_type), intent(in) :: integral
       real(wp) :: stretch(2)   !! down, up
 
       stretch = 1.0_wp
-      if (integral%parts > 0.0_wp) stretch = integral%stretched/integral%parts
+      if (integral%error_sum > 0.0_wp) stretch = integral%stretched_sum/integral%error_sum
    end function stretch_of
 
-   !> The frequency above which there is 1e-4 of the power.
+   !> Number of the frequency above which there is 1e-4 of the power.
    pure integer function last_powerful(mean)
-      real(wp), intent(in) :: mean(:)   !! (frequency)
+      real(wp), intent(in) :: mean(:)   !! (frequency) mean density
       real(wp) :: above, total
 
       total = sum(mean)
       above = 0.0_wp
       do last_powerful = size(mean), 2, -1
          above = above + mean(last_powerful)
-         if (above > share_above*total) exit
+         if (above > power_above*total) exit
       end do
    end function last_powerful
 
-   !> Adds the estimates at some frequencies to an integral, by its slopes.
-   subroutine add_to(integral, both, plain, slope, plain_slope)
+   !> Adds the biases and influences at some frequencies to those of an integral.
+   subroutine add_frequencies(integral, blended, sampled, slope, plain_slope)
       type(integral_type), intent(inout) :: integral
-      type(estimates_type), intent(in) :: both, plain
-      real(wp), intent(in) :: slope(:), plain_slope(:)   !! (output) of the integral
-      real(wp) :: part(size(slope))   ! error
+      type(estimates_type), intent(in) :: blended, sampled
+      real(wp), intent(in) :: slope(:)         !! (frequency) derivative of the integral by blended
+      real(wp), intent(in) :: plain_slope(:)   !! (frequency) the same of plain sampling's
+      real(wp) :: error(size(slope))
       integer :: o
 
       if (.not. allocated(integral%influence)) then
-         allocate (integral%influence(size(both%influence, 1)), source=0.0_wp)
+         allocate (integral%influence(size(blended%influence, 1)), source=0.0_wp)
          allocate (integral%plain_influence, source=integral%influence)
       end if
-      integral%bias = integral%bias + dot_product(slope, both%bias)
-      integral%influence = integral%influence + matmul(both%influence, slope)
-      integral%plain_influence = integral%plain_influence + matmul(plain%influence, plain_slope)
-      part = [(slope(o)*norm2(both%influence(:, o)), o=1, size(slope))]
-      integral%parts = integral%parts + sum(part)
-      integral%stretched = integral%stretched + matmul(both%stretch, part)
-   end subroutine add_to
+      integral%bias = integral%bias + dot_product(slope, blended%bias)
+      integral%influence = integral%influence + matmul(blended%influence, slope)
+      integral%plain_influence = integral%plain_influence + matmul(sampled%influence, plain_slope)
+      error = [(slope(o)*norm2(blended%influence(:, o)), o=1, size(slope))]
+      integral%error_sum = integral%error_sum + sum(error)
+      integral%stretched_sum = integral%stretched_sum + matmul(blended%stretch, error)
+   end subroutine add_frequencies
 
 end module statistics_spectra

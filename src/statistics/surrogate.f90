@@ -1,7 +1,7 @@
-!> A response as a function of its friction values, from a few samples: kriging, written as a ridge
-!> regression on the leading eigenvectors of the kernel's matrix over the samples. Formulas (3) and
-!> (4) of docs/regression.md; with K V = V diag(ev), the features phi_k(x) = V_k'(k(x) - mean of the
-!> rows of K)/ev_k are orthonormal over the samples.
+!> Surrogate of a response: a function G of the friction values fitted to a few samples. It is
+!> kriging, computed as a ridge regression on the leading eigenvectors V of the kernel matrix K of
+!> the samples: formulas (3) and (4) of docs/regression.md. With K V = V diag(ev), the features
+!> phi_k(x) = V_k'(k(x) - mean of the rows of K)/ev_k are orthonormal over the samples.
 module statistics_surrogate
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -9,65 +9,68 @@ module statistics_surrogate
    use statistics_kernel, only: kernel_diagonal, kernel_rows, kernel_type
    implicit none(type, external)
    private
-   public :: fit_type, surrogate_type, average_features, find_features, find_squares, &
-             fit_outputs, make_room, predict, predict_variance, rows_of, spread_out
+   public :: fit_type, surrogate_type, average_features, find_features, find_feature_squares, &
+             fit_outputs, reallocate, predict, predict_variance, find_kernel_rows, evenly_spaced
 
    integer, parameter, public :: most_landmarks = 160
-   !> outputs of a fit and samples whose pairs with all are looked at
+   !> kappa is computed for 4 outputs of a fit, from the pairs of 64 samples with all
    integer, parameter, public :: outputs_judged = 4, samples_paired = 64
-   real(wp), parameter :: smallest_eigenvalue = 1.0e-10_wp   !! over the largest
+   real(wp), parameter :: smallest_eigenvalue = 1.0e-10_wp   !! of K, over the largest one
    integer, parameter, public :: n_ratios = 13
    real(wp), parameter, public :: noise_ratios(n_ratios) = &
-                          10.0_wp**[-5.0_wp, -4.5_wp, -4.0_wp, -3.5_wp, -3.0_wp, -2.5_wp, &
+                                  10.0_wp**[-5.0_wp, -4.5_wp, -4.0_wp, -3.5_wp, -3.0_wp, -2.5_wp, &
                                     -2.0_wp, -1.5_wp, -1.0_wp, -0.5_wp, 0.0_wp, 0.5_wp, 1.0_wp]
 
-   !> The features, as functions of the inputs and over the samples.
+   !> Features, as functions of the inputs and at the samples.
    type :: surrogate_type
       type(kernel_type) :: kernel
       real(wp), allocatable :: feature(:, :)     !! (sample, feature) V
       real(wp), allocatable :: eigenvalue(:)     !! (feature)
-      real(wp), allocatable :: direction(:, :)   !! (input, 2) along which the outputs vary most
-      !> sqrt(n/(n - p)): leave-one-out residuals do not know that p constants of the kernel were
-      !> chosen on the same n samples
+      real(wp), allocatable :: direction(:, :)   !! (input, 2) directions of most variation
+      !> sqrt(n/(n - p)), factor on residuals: p constants of the kernel were chosen on the same n
+      !> samples
       real(wp) :: enlargement = 1.0_wp
       real(wp), allocatable, private :: landmark(:, :)    !! (landmark, input) standardised
-      !> (landmark, feature), (feature): phi(x) = sum of transform*k(x, landmark) - offset
+      !> (landmark, feature), (feature): phi(x) = transform'k(landmark, x) - offset
       real(wp), allocatable, private :: transform(:, :), offset(:)
-      real(wp), private :: mean_of_kernel = 0.0_wp   !! over pairs of landmarks
-      real(wp), private :: mean_rest = 0.0_wp        !! of k(x, x) at samples that features leave
+      real(wp), private :: mean_of_kernel = 0.0_wp   !! mean of k over pairs of landmarks
+      real(wp), private :: mean_rest = 0.0_wp        !! mean of rest(x), formula (5), over samples
    end type surrogate_type
 
-   !> Outputs as functions of the inputs.
+   !> Outputs as functions G of the inputs, and leave-one-out residuals.
    type :: fit_type
       real(wp), allocatable :: mean(:)             !! (output)
-      real(wp), allocatable :: shrink(:, :)        !! (feature, output) s
+      real(wp), allocatable :: shrink(:, :)        !! (feature, output) s_k = ev_k/(ev_k + ratio)
       real(wp), allocatable :: coefficient(:, :)   !! (feature, output) of phi
-      real(wp), allocatable :: noise_ratio(:)      !! (output) r
-      real(wp), allocatable, private :: of_row(:, :), constant(:)   !! G = of_row'k(x) + constant
-      real(wp), allocatable :: residual(:, :)      !! (sample, output) leave-one-out
-      real(wp), allocatable :: left(:, :)          !! (sample, output) 1 - h
-      real(wp), allocatable :: predicted(:, :)     !! (sample, output) y - residual
-      integer, allocatable :: judged(:), some(:)   !! outputs and samples of the pairs
-      !> (sample j, i of some, judged output) what leaving out j too adds to the residual e_i, and
-      !> leaving out i too to e_j
-      real(wp), allocatable :: change(:, :, :), other_change(:, :, :)
+      real(wp), allocatable :: noise_ratio(:)      !! (output)
+      !> (landmark, output), (output): G(x) = row_coefficient'k(landmark, x) + constant
+      real(wp), allocatable, private :: row_coefficient(:, :), constant(:)
+      real(wp), allocatable :: residual(:, :)      !! (sample, output) e_i, leave-one-out
+      real(wp), allocatable :: one_minus_h(:, :)   !! (sample, output) 1 - h_ii
+      real(wp), allocatable :: predicted(:, :)     !! (sample, output) y_i - e_i
+      integer, allocatable :: pair_outputs(:)      !! outputs whose kappa is computed
+      integer, allocatable :: pair_samples(:)      !! samples whose pairs with all are used
+      !> (sample j, pair sample i, pair output): change of e_i by leaving out j also, and of e_j by
+      !> leaving out i also
+      real(wp), allocatable :: change_i(:, :, :), change_j(:, :, :)
    end type fit_type
 
 contains
 
-   !> Places of at most some of n, at equal distances.
-   pure function spread_out(n, most) result(places)
+   !> At most `most` of the integers 1..n, equally spaced.
+   pure function evenly_spaced(n, most) result(places)
       integer, intent(in) :: n, most
       integer, allocatable :: places(:)
       integer :: i
 
-      associate (some => min(n, most))
-         places = [(1 + int((i - 1)*real(n, wp)/some), i=1, some)]
+      associate (n_places => min(n, most))
+         places = [(1 + int((i - 1)*real(n, wp)/n_places), i=1, n_places)]
       end associate
-   end function spread_out
+   end function evenly_spaced
 
-   !> Finds the eigenvectors over the samples of the centred kernel, or of its projection on the
-   !> functions k(., landmark); largest eigenvalue first.
+   !> Finds the features: eigenvectors of the centred kernel matrix of the samples or, with fewer
+   !> landmarks than samples, of its projection on the functions k(., landmark). The largest
+   !> eigenvalue comes first.
    subroutine find_features(x, most_landmarks, surrogate, error)
       real(wp), intent(in), contiguous :: x(:, :)   !! (sample, input)
       integer, intent(in) :: most_landmarks
@@ -77,41 +80,41 @@ contains
       integer :: n
 
       n = size(x, 1)
-      surrogate%landmark = x(spread_out(n, most_landmarks), :)
-      call rows_of(surrogate, surrogate%landmark, rows)
+      surrogate%landmark = x(evenly_spaced(n, most_landmarks), :)
+      call find_kernel_rows(surrogate, surrogate%landmark, rows)
       surrogate%mean_of_kernel = sum(rows)/size(rows)
       call centre_both(rows)
-      call find_leading(rows, basis, eigenvalue, error)
+      call find_leading_eigenvectors(rows, basis, eigenvalue, error)
       if (allocated(error)) return
-      call centre_columns(basis)   ! to all digits: small eigenvalues divide them
-      surrogate%feature = scaled_columns(basis, sqrt(eigenvalue))
-      basis = scaled_columns(basis, 1.0_wp/sqrt(eigenvalue))
-      call rows_of(surrogate, x, rows)
+      call centre_columns(basis)   ! once more: division by small eigenvalues enlarges rounding
+      surrogate%feature = basis*spread(sqrt(eigenvalue), 1, size(basis, 1))
+      basis = basis*spread(1.0_wp/sqrt(eigenvalue), 1, size(basis, 1))
+      call find_kernel_rows(surrogate, x, rows)
       surrogate%offset = matmul(sum(rows, 2)/n, basis)
-      if (size(rows, 1) < n) call rotate(surrogate, rows, basis, eigenvalue, error)
+      if (size(rows, 1) < n) call orthogonalise(surrogate, rows, basis, eigenvalue, error)
       if (allocated(error)) return
       surrogate%eigenvalue = eigenvalue
       associate (scale => 1.0_wp/sqrt(eigenvalue))
-         surrogate%feature = scaled_columns(surrogate%feature, scale)
-         surrogate%transform = scaled_columns(basis, scale)
+         surrogate%feature = surrogate%feature*spread(scale, 1, n)
+         surrogate%transform = basis*spread(scale, 1, size(basis, 1))
          surrogate%offset = surrogate%offset*scale
       end associate
       surrogate%mean_rest = sum(centred_diagonal(surrogate, x, rows) &
                                 - matmul(surrogate%feature**2, eigenvalue))/n
    end subroutine find_features
 
-   !> Computes k(landmark, x) at points or samples.
-   subroutine rows_of(surrogate, x, rows)
+   !> Computes k(landmark, x) at points x.
+   subroutine find_kernel_rows(surrogate, x, rows)
       type(surrogate_type), intent(in) :: surrogate
       real(wp), intent(in), contiguous :: x(:, :)         !! (point, input) standardised
       real(wp), allocatable, intent(inout) :: rows(:, :)  !! (landmark, point)
 
-      call make_room(rows, size(surrogate%landmark, 1), size(x, 1))
+      call reallocate(rows, size(surrogate%landmark, 1), size(x, 1))
       call kernel_rows(surrogate%kernel, surrogate%landmark, x, rows)
-   end subroutine rows_of
+   end subroutine find_kernel_rows
 
-   !> Allocates an array unless it has its size: fresh memory costs as much as what goes into it.
-   pure subroutine make_room(values, n_rows, n_columns)
+   !> Allocates an array unless it has its size already: new memory takes as long as filling it.
+   pure subroutine reallocate(values, n_rows, n_columns)
       real(wp), allocatable, intent(inout) :: values(:, :)
       integer, intent(in) :: n_rows, n_columns
 
@@ -120,9 +123,9 @@ contains
          deallocate (values)
       end if
       allocate (values(n_rows, n_columns))
-   end subroutine make_room
+   end subroutine reallocate
 
-   !> Frees rows and columns of a symmetric matrix of their means.
+   !> Subtracts the means of rows and columns from a symmetric matrix.
    pure subroutine centre_both(matrix)
       real(wp), intent(inout) :: matrix(:, :)
       real(wp) :: mean(size(matrix, 1)), mean_of_all
@@ -144,10 +147,10 @@ contains
       end do
    end subroutine centre_columns
 
-   !> Finds the leading eigenvectors, largest eigenvalue first; a centred matrix has one fewer than
-   !> rows.
-   subroutine find_leading(matrix, vector, eigenvalue, error)
-      real(wp), intent(inout), contiguous :: matrix(:, :)   !! symmetric; on return of no use
+   !> Finds the eigenvectors of a centred matrix, largest eigenvalue first, without those whose
+   !> eigenvalue is zero to rounding.
+   subroutine find_leading_eigenvectors(matrix, vector, eigenvalue, error)
+      real(wp), intent(inout), contiguous :: matrix(:, :)   !! symmetric; destroyed
       real(wp), allocatable, intent(out) :: vector(:, :)    !! (row, eigenvalue)
       real(wp), allocatable, intent(out) :: eigenvalue(:)
       type(error_type), allocatable, intent(out) :: error
@@ -160,44 +163,34 @@ contains
       rank = min(n - 1, count(ascending > smallest_eigenvalue*ascending(n)))
       vector = matrix(:, n:n - rank + 1:-1)
       eigenvalue = ascending(n:n - rank + 1:-1)
-   end subroutine find_leading
+   end subroutine find_leading_eigenvectors
 
-   pure function scaled_columns(matrix, scale) result(scaled)
-      real(wp), intent(in) :: matrix(:, :), scale(:)
-      real(wp) :: scaled(size(matrix, 1), size(matrix, 2))
-      integer :: k
-
-      do k = 1, size(scale)
-         scaled(:, k) = matrix(:, k)*scale(k)
-      end do
-   end function scaled_columns
-
-   !> Computes the features of all samples from functions of the landmarks, turned such that they
-   !> are orthogonal over the samples.
-   subroutine rotate(surrogate, rows, basis, eigenvalue, error)
+   !> Computes the features of all samples from functions of the landmarks, and rotates them such
+   !> that they are orthogonal over the samples.
+   subroutine orthogonalise(surrogate, rows, basis, eigenvalue, error)
       type(surrogate_type), intent(inout) :: surrogate
       real(wp), intent(in), contiguous :: rows(:, :)          !! (landmark, sample)
       real(wp), allocatable, intent(inout) :: basis(:, :)     !! (landmark, feature)
-      real(wp), allocatable, intent(out) :: eigenvalue(:)     !! squares of the features
+      real(wp), allocatable, intent(out) :: eigenvalue(:)     !! sums of squares of the features
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: feature(:, :), square(:, :), vector(:, :), turned(:, :)
+      real(wp), allocatable :: feature(:, :), square(:, :), vector(:, :), rotated(:, :)
 
       allocate (feature(size(rows, 2), size(basis, 2)), square(size(basis, 2), size(basis, 2)))
       call multiply(rows, basis, feature, transposes_a=.true.)
       call centre_columns(feature)
       call multiply(feature, feature, square, transposes_a=.true.)
-      call find_leading(square, vector, eigenvalue, error)
+      call find_leading_eigenvectors(square, vector, eigenvalue, error)
       if (allocated(error)) return
-      allocate (turned(size(basis, 1), size(vector, 2)))
-      call multiply(basis, vector, turned)
-      call move_alloc(turned, basis)
-      allocate (turned(size(feature, 1), size(vector, 2)))
-      call multiply(feature, vector, turned)
-      call move_alloc(turned, surrogate%feature)
+      allocate (rotated(size(basis, 1), size(vector, 2)))
+      call multiply(basis, vector, rotated)
+      call move_alloc(rotated, basis)
+      allocate (rotated(size(feature, 1), size(vector, 2)))
+      call multiply(feature, vector, rotated)
+      call move_alloc(rotated, surrogate%feature)
       surrogate%offset = matmul(surrogate%offset, vector)
-   end subroutine rotate
+   end subroutine orthogonalise
 
-   !> Fits outputs, each with its own noise ratio.
+   !> Fits the outputs, each with the noise ratio of least generalised cross-validation.
    subroutine fit_outputs(surrogate, outputs, fit)
       type(surrogate_type), intent(in) :: surrogate
       real(wp), intent(in), contiguous :: outputs(:, :)   !! (sample, output)
@@ -217,67 +210,68 @@ contains
       end do
       call multiply(surrogate%feature, y, projection, transposes_a=.true.)
       do o = 1, n_out
-         r = best_ratio(surrogate%eigenvalue, projection(:, o), sum(y(:, o)**2), n)
+         r = best_noise_ratio(surrogate%eigenvalue, projection(:, o), sum(y(:, o)**2), n)
          fit%shrink(:, o) = surrogate%eigenvalue/(surrogate%eigenvalue + noise_ratios(r))
          fit%noise_ratio(o) = noise_ratios(r)
       end do
       allocate (fit%coefficient, source=fit%shrink*projection)   ! not by =, which would read bounds
-      allocate (fit%of_row(size(surrogate%transform, 1), n_out))
-      call multiply(surrogate%transform, fit%coefficient, fit%of_row)
+      allocate (fit%row_coefficient(size(surrogate%transform, 1), n_out))
+      call multiply(surrogate%transform, fit%coefficient, fit%row_coefficient)
       fit%constant = fit%mean - matmul(surrogate%offset, fit%coefficient)
       square = surrogate%feature**2
       call multiply(surrogate%feature, fit%coefficient, fit%residual)
       call multiply(square, fit%shrink, leverage)
       leverage = leverage + 1.0_wp/n
-      fit%left = 1.0_wp - leverage
-      fit%residual = (y - fit%residual)/fit%left
+      fit%one_minus_h = 1.0_wp - leverage
+      fit%residual = (y - fit%residual)/fit%one_minus_h
       fit%predicted = outputs - fit%residual
       call find_pairs(surrogate, fit)
    end subroutine fit_outputs
 
-   !> Computes the changes of residuals when two samples are left out: e_i becomes
+   !> Computes the changes of the residuals by leaving out a second sample: e_i becomes
    !> (e_i + h_ij e_j/(1 - h_i))/(1 - h_ij^2/((1 - h_i)(1 - h_j))), with the leverages
    !> h_ij = 1/n + sum_k s_k V_ik V_jk.
    subroutine find_pairs(surrogate, fit)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(inout) :: fit
       real(wp), allocatable :: pair_leverage(:, :), shrunk(:, :)
-      real(wp) :: both
-      integer :: i, j, k, m, n
+      real(wp) :: factor
+      integer :: i, j, k, m, n, o
 
-      n = size(fit%left, 1)
-      fit%some = spread_out(n, samples_paired)
-      fit%judged = spread_out(size(fit%left, 2), outputs_judged)
-      allocate (fit%change(n, size(fit%some), size(fit%judged)))
-      allocate (fit%other_change, mold=fit%change)
-      allocate (pair_leverage(n, size(fit%some)))
-      allocate (shrunk(size(surrogate%eigenvalue), size(fit%some)))
-      do k = 1, size(fit%judged)
-         shrunk = transpose(surrogate%feature(fit%some, :)) &
-                  *spread(fit%shrink(:, fit%judged(k)), 2, size(fit%some))
+      n = size(fit%one_minus_h, 1)
+      fit%pair_samples = evenly_spaced(n, samples_paired)
+      fit%pair_outputs = evenly_spaced(size(fit%one_minus_h, 2), outputs_judged)
+      allocate (fit%change_i(n, size(fit%pair_samples), size(fit%pair_outputs)))
+      allocate (fit%change_j, mold=fit%change_i)
+      allocate (pair_leverage(n, size(fit%pair_samples)))
+      allocate (shrunk(size(surrogate%eigenvalue), size(fit%pair_samples)))
+      do k = 1, size(fit%pair_outputs)
+         o = fit%pair_outputs(k)
+         shrunk = transpose(surrogate%feature(fit%pair_samples, :)) &
+                  *spread(fit%shrink(:, o), 2, size(fit%pair_samples))
          call multiply(surrogate%feature, shrunk, pair_leverage)
-         do m = 1, size(fit%some)
-            i = fit%some(m)
-            associate (e => fit%residual(:, fit%judged(k)), left => fit%left(:, fit%judged(k)), &
+         do m = 1, size(fit%pair_samples)
+            i = fit%pair_samples(m)
+            associate (e => fit%residual(:, o), rest => fit%one_minus_h(:, o), &
                        h => pair_leverage(:, m))
                !$omp simd
                do j = 1, n
                   h(j) = h(j) + 1.0_wp/n
-                  both = 1.0_wp/(1.0_wp - h(j)**2/(left(i)*left(j)))
-                  fit%change(j, m, k) = both*(e(i) + h(j)*e(j)/left(i)) - e(i)
-                  fit%other_change(j, m, k) = both*(e(j) + h(j)*e(i)/left(j)) - e(j)
+                  factor = 1.0_wp/(1.0_wp - h(j)**2/(rest(i)*rest(j)))
+                  fit%change_i(j, m, k) = factor*(e(i) + h(j)*e(j)/rest(i)) - e(i)
+                  fit%change_j(j, m, k) = factor*(e(j) + h(j)*e(i)/rest(j)) - e(j)
                end do
             end associate
-            fit%change(i, m, k) = 0.0_wp   ! no pair
-            fit%other_change(i, m, k) = 0.0_wp
+            fit%change_i(i, m, k) = 0.0_wp   ! a sample makes no pair with itself
+            fit%change_j(i, m, k) = 0.0_wp
          end do
       end do
    end subroutine find_pairs
 
-   !> The noise ratio with the least generalised cross-validation.
-   pure integer function best_ratio(eigenvalue, projection, total, n)
+   !> Number of the noise ratio with the least generalised cross-validation.
+   pure integer function best_noise_ratio(eigenvalue, projection, total, n)
       real(wp), intent(in) :: eigenvalue(:), projection(:)   !! (feature)
-      real(wp), intent(in) :: total                          !! square of the centred output
+      real(wp), intent(in) :: total                          !! sum of squares of y - mean y
       integer, intent(in) :: n                               !! samples
       real(wp) :: shrink(size(eigenvalue)), score(n_ratios)
       integer :: r
@@ -287,28 +281,25 @@ contains
          score(r) = max(total - sum(shrink*(2.0_wp - shrink)*projection**2), 0.0_wp) &
                     /(n - 1 - sum(shrink))**2
       end do
-      best_ratio = minloc(score, 1)
-   end function best_ratio
+      best_noise_ratio = minloc(score, 1)
+   end function best_noise_ratio
 
-   !> Averages of the features, from the same averages of kernel rows.
+   !> Computes averages of the features from the same averages of the kernel.
    subroutine average_features(surrogate, average_row, constant, average)
       type(surrogate_type), intent(in) :: surrogate
       real(wp), intent(in), contiguous :: average_row(:, :)   !! (landmark, average)
       real(wp), intent(in) :: constant                        !! the same average of 1
       real(wp), intent(out), contiguous :: average(:, :)      !! (feature, average)
-      integer :: o
 
       call multiply(surrogate%transform, average_row, average, transposes_a=.true.)
-      do o = 1, size(average, 2)
-         average(:, o) = average(:, o) - constant*surrogate%offset
-      end do
+      average = average - spread(constant*surrogate%offset, 2, size(average, 2))
    end subroutine average_features
 
-   !> Computes the squares of the features at points, and what they leave of k(x, x).
-   subroutine find_squares(surrogate, x, rows, square, rest)
+   !> Computes the squares of the features at points, and rest(x) = k(x, x) - sum_k ev_k phi_k(x)^2.
+   subroutine find_feature_squares(surrogate, x, rows, square, rest)
       type(surrogate_type), intent(in) :: surrogate
       real(wp), intent(in) :: x(:, :)                      !! (point, input)
-      real(wp), intent(in), contiguous :: rows(:, :)       !! (landmark, point), see rows_of
+      real(wp), intent(in), contiguous :: rows(:, :)       !! (landmark, point) kernel
       real(wp), allocatable, intent(out) :: square(:, :)   !! (feature, point)
       real(wp), allocatable, intent(out) :: rest(:)        !! (point)
 
@@ -317,9 +308,9 @@ contains
       square = square**2
       rest = max(centred_diagonal(surrogate, x, rows) - matmul(surrogate%eigenvalue, square), &
                  0.0_wp)
-   end subroutine find_squares
+   end subroutine find_feature_squares
 
-   !> k(x, x) of the kernel whose mean over the landmarks is taken away on both sides.
+   !> k(x, x) of the kernel without its means over the landmarks in either argument.
    pure function centred_diagonal(surrogate, x, rows) result(diagonal)
       type(surrogate_type), intent(in) :: surrogate
       real(wp), intent(in) :: x(:, :), rows(:, :)   !! (point, input), (landmark, point)
@@ -329,26 +320,26 @@ contains
                  + surrogate%mean_of_kernel
    end function centred_diagonal
 
-   !> Computes G at points of the law.
+   !> Computes G at points.
    subroutine predict(fit, rows, values)
       type(fit_type), intent(in) :: fit
-      real(wp), intent(in), contiguous :: rows(:, :)      !! (landmark, point), see rows_of
+      real(wp), intent(in), contiguous :: rows(:, :)      !! (landmark, point) kernel
       real(wp), intent(out), contiguous :: values(:, :)   !! (point, output)
       integer :: o
 
-      call multiply(rows, fit%of_row, values, transposes_a=.true.)
+      call multiply(rows, fit%row_coefficient, values, transposes_a=.true.)
       do o = 1, size(values, 2)
          values(:, o) = values(:, o) + fit%constant(o)
       end do
    end subroutine predict
 
-   !> Computes the variance of G at points, over that of the noise: sum_k s_k phi_k^2, and what the
-   !> features leave of k(x, x) as if it had no data. Samples have such a rest as well where they
-   !> are not landmarks: their noise is not less than its mean.
+   !> Computes the variance v of G at points over that of the noise, formula (5): sum_k s_k phi_k^2
+   !> + rest/max(ratio, mean rest). Samples that are no landmarks have a rest too, so their noise is
+   !> not less than its mean.
    subroutine predict_variance(surrogate, fit, square, rest, variance)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
-      real(wp), intent(in), contiguous :: square(:, :)      !! (feature, point), see find_squares
+      real(wp), intent(in), contiguous :: square(:, :)      !! (feature, point) phi_k^2
       real(wp), intent(in), contiguous :: rest(:)           !! (point)
       real(wp), intent(out), contiguous :: variance(:, :)   !! (point, output)
       integer :: o
