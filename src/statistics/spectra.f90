@@ -73,6 +73,7 @@ contains
          if (allocated(error)) return
          call prepare_thin_points(surrogate, law)
          call estimate_case(case_number, spectra(:, :, case_number), integrals(:, case_number))
+         if (allocated(error)) return
       end do
 
    contains
