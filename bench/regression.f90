@@ -15,7 +15,8 @@ program regression
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
-   use io_hdf5, only: hdf5_file, open_hdf5, read_dataset, read_extent
+   use io_group, only: group_type
+   use io_hdf5, only: open_hdf5
    use numerics_sorting, only: sort_order
    use statistics_estimates, only: end_beyond, estimates_type, plain_percentile, stated_error, &
                                    statistic_type, two_sided, upward_error
@@ -76,28 +77,21 @@ contains
    subroutine read_case(path, name, data)
       character(*), intent(in) :: path, name
       type(case_data), intent(out) :: data
-      type(hdf5_file) :: file
+      type(group_type) :: group
       type(error_type), allocatable :: error
-      integer(long), allocatable :: extent(:)
 
-      call open_hdf5(path, file, error)
+      group%path = '/campaign/'//name
+      call open_hdf5(path, group%file, error)
       call check(error)
-      call read_extent(file, '/campaign/'//name//'/psd', 3, extent, error)
+      if (allocated(frequency)) deallocate (frequency)   ! the same of every case
+      call group%get('frequency', frequency)
+      call group%get('friction', data%friction)
+      call group%get('slip_fraction', data%slip)
+      call group%allocate_for('psd', data%density)
+      call group%move_rows('psd', 0, data%density, 0, size(data%density, 3), .false.)
+      call group%take_error(error)
       call check(error)
-      allocate (data%density(extent(1), extent(2), extent(3)))
-      if (.not. allocated(frequency)) allocate (frequency(extent(2)))
-      call read_dataset(file, '/campaign/'//name//'/psd', data%density, error)
-      call check(error)
-      call read_dataset(file, '/campaign/'//name//'/frequency', frequency, error)
-      call check(error)
-      call read_extent(file, '/campaign/'//name//'/friction', 2, extent, error)
-      call check(error)
-      allocate (data%friction(extent(1), extent(2)), data%slip(extent(1), extent(2)))
-      call read_dataset(file, '/campaign/'//name//'/friction', data%friction, error)
-      call check(error)
-      call read_dataset(file, '/campaign/'//name//'/slip_fraction', data%slip, error)
-      call check(error)
-      call file%abandon()
+      call group%file%abandon()
    end subroutine read_case
 
    subroutine check(error)
