@@ -3,7 +3,7 @@
 !> reference method repeated, and the numerical error that their differences show.
 module io_case_statistics
    use campaign_comparison, only: band_ratio_error, numerical_error, slip_error
-   use campaign_plan, only: integration_settings, kept_of, plan_type, reference_for
+   use campaign_plan, only: integration_settings, plan_type, reference_for
    use campaign_results, only: block_result, case_estimates, case_statistics, n_quantities, &
                                spectrum_layout
    use core_error, only: error_type

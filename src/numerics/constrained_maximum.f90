@@ -1,8 +1,7 @@
 !> Maximum of a smooth function under a few equality constraints, from a start nearby.
 !>
-!> Sequential quadratic programming on the inverse Hessian (BFGS) with gradients by differences.
-!> It is meant for functions that are sampled with common random numbers: smooth, expensive and
-!> without derivatives.
+!> Sequential quadratic programming with an inverse Hessian (BFGS) and gradients by differences, for
+!> functions that are sampled with common random numbers: smooth, expensive, without derivatives.
 module numerics_constrained_maximum
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -14,32 +13,28 @@ module numerics_constrained_maximum
    !> Result of a search.
    type :: search_result
       logical :: is_converged = .false.
-      real(wp) :: violation = huge(1.0_wp)             !! largest constraint
-      !> largest component of the Lagrangian's gradient
-      real(wp) :: residual = 0.0_wp
-      !> (constraint, variable) of the last point differentiated
-      real(wp), allocatable :: jacobian(:, :)
-      !> (constraint) what the maximum gains as a constraint grows from zero
-      real(wp), allocatable :: multipliers(:)
-      !> inverse Hessian of the Lagrangian, as far as it was seen
-      real(wp), allocatable :: metric(:, :)
+      real(wp) :: violation = huge(1.0_wp)      !! largest constraint in magnitude
+      real(wp) :: residual = 0.0_wp             !! largest component of the Lagrangian's gradient
+      real(wp), allocatable :: jacobian(:, :)   !! (constraint, variable) of the last differences
+      real(wp), allocatable :: multipliers(:)   !! (constraint) d maximum/d constraint
+      real(wp), allocatable :: metric(:, :)     !! inverse Hessian of the Lagrangian, by BFGS
    end type search_result
 
-   !> Function to be maximized, and where its search is; extend it with the data of the problem.
+   !> Function to be maximized and the point of its search; extend it with the data of the problem.
    !>
-   !> A state is the result of an evaluation: first the constraints, zero if satisfied, then what
-   !> `gain` needs. Some functions are known only by their differences.
+   !> A state is the result of an evaluation: first the constraints, zero if satisfied, then the
+   !> values that `gain` needs. Only differences of the function need be known.
    type, abstract :: objective_type
       real(wp), allocatable :: point(:)
       integer :: n_constraints = 0
-      type(search_result) :: found   !! of the search that led there
+      type(search_result) :: found   !! result of the last search
    contains
       procedure(evaluate_objective), deferred :: evaluate
       procedure(gain_of_objective), deferred :: gain
    end type objective_type
 
    abstract interface
-      !> Finds the state at a point; `is_inside` is false outside of the function's domain.
+      !> Finds the state at a point; `is_inside` is false outside the function's domain.
       subroutine evaluate_objective(self, point, state, is_inside)
          import :: objective_type, wp
          class(objective_type), intent(inout) :: self
@@ -58,16 +53,16 @@ module numerics_constrained_maximum
 
 contains
 
-   !> Moves the point to the maximum. The inverse Hessian of the search before is begun with, where
-   !> it has as many variables.
+   !> Moves the point to the maximum. Starts with the inverse Hessian of the last search, if it has
+   !> the same number of variables.
    subroutine maximize(objective, step, tolerance, max_iterations)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(in) :: step          !! step of finite differences
-      real(wp), intent(in) :: tolerance     !! for constraints and on the Lagrangian's gradient
+      real(wp), intent(in) :: tolerance     !! for constraints and the Lagrangian's gradient
       integer, intent(in) :: max_iterations
       real(wp), dimension(size(objective%point)) :: change, gradient, old_gradient
       real(wp), dimension(objective%n_constraints, size(objective%point)) :: jacobian, old_jacobian
-      real(wp) :: multipliers(objective%n_constraints), weight
+      real(wp) :: multipliers(objective%n_constraints), penalty
       real(wp), allocatable :: metric(:, :), state(:)
       integer :: iteration
       logical :: is_inside, is_regular
@@ -79,7 +74,7 @@ contains
          if (size(metric, 1) == size(change)) objective%found%metric = metric
       end if
       call objective%evaluate(objective%point, state, is_inside)
-      weight = 0.0_wp
+      penalty = 0.0_wp
       associate (found => objective%found, n => objective%n_constraints)
          do iteration = 1, max_iterations
             if (is_inside) call differentiate(objective, state, step, gradient, jacobian, is_inside)
@@ -97,26 +92,26 @@ contains
             found%is_converged = max(found%violation, found%residual) <= tolerance
             if (found%is_converged) return
             change = change*min(1.0_wp, 0.5_wp/max(norm2(change), tiny(1.0_wp)))
-            weight = max(weight, 2.0_wp*maxval(abs(multipliers)))
+            penalty = max(penalty, 2.0_wp*maxval(abs(multipliers)))
             old_gradient = gradient
             old_jacobian = jacobian
-            call advance(objective, change, state, weight, tolerance, is_inside)
+            call search_line(objective, change, state, penalty, tolerance, is_inside)
          end do
       end associate
    end subroutine maximize
 
-   !> Takes a step along `change`, shortened until gain and constraints together do not get worse.
-   !> If a step fails because the constraints are curved, it is corrected back onto them before it
-   !> is shortened. Where none is accepted the point stays, and `is_inside` is false.
-   subroutine advance(objective, change, state, weight, tolerance, is_inside)
+   !> Moves the point along `change`, shortened until the gain minus a penalty on the constraints
+   !> does not fall. Before it is shortened, a failed step is corrected for the curvature of the
+   !> constraints. If no step is accepted the point stays, and `is_inside` is false.
+   subroutine search_line(objective, change, state, penalty, tolerance, is_inside)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(inout) :: change(:)
       real(wp), allocatable, intent(inout) :: state(:)
-      real(wp), intent(in) :: weight, tolerance
+      real(wp), intent(in) :: penalty, tolerance
       logical, intent(out) :: is_inside
       integer, parameter :: max_tries = 12
       real(wp), allocatable :: trial(:)
-      real(wp) :: straight(size(change))
+      real(wp) :: uncorrected(size(change))
       integer :: i, n
       logical :: is_regular
 
@@ -124,13 +119,13 @@ contains
       do i = 1, max_tries
          call objective%evaluate(objective%point + change, trial, is_inside)
          if (is_accepted()) exit
-         straight = change
+         uncorrected = change
          if (is_inside) then
-            call lead_back(objective%found, trial(:n), change, is_regular)
+            call correct_step(objective%found, trial(:n), change, is_regular)
             if (is_regular) call objective%evaluate(objective%point + change, trial, is_inside)
             if (is_regular .and. is_accepted()) exit
          end if
-         change = 0.4_wp*straight
+         change = 0.4_wp*uncorrected
       end do
       is_inside = i <= max_tries
       if (.not. is_inside) return
@@ -144,14 +139,14 @@ contains
 
          is_accepted = is_inside
          if (is_inside) is_accepted = objective%gain(state, trial) + &
-                                      weight*(sum(abs(state(:n))) - sum(abs(trial(:n)))) &
+                                      penalty*(sum(abs(state(:n))) - sum(abs(trial(:n)))) &
                                       >= -tolerance**2
       end function is_accepted
 
-   end subroutine advance
+   end subroutine search_line
 
-   !> Adds the shortest step in the metric that makes the linearized constraints zero.
-   subroutine lead_back(found, constraints, change, is_regular)
+   !> Adds to a step the shortest one, in the metric, that makes the linearized constraints zero.
+   subroutine correct_step(found, constraints, change, is_regular)
       type(search_result), intent(in) :: found
       real(wp), intent(in) :: constraints(:)
       real(wp), intent(inout) :: change(:)
@@ -161,10 +156,10 @@ contains
       call step_to_maximum(found%metric, found%jacobian, 0.0_wp*change, constraints, back, &
                            multipliers, is_regular)
       if (is_regular) change = change + back
-   end subroutine lead_back
+   end subroutine correct_step
 
-   !> Moves the point onto the constraints by the shortest steps in the metric of an earlier search.
-   !> Each step updates its Jacobian (Broyden).
+   !> Moves the point onto the constraints by the shortest steps in the metric of the last search;
+   !> each step updates the Jacobian (Broyden).
    subroutine solve_along(objective, tolerance, max_iterations)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(in) :: tolerance
@@ -181,7 +176,7 @@ contains
          if (.not. is_inside) return
          constraints = state(:size(constraints))
          objective%found%violation = maxval(abs(constraints))
-         if (i > 1) then   ! what the last step left over is the Jacobian's error along it
+         if (i > 1) then   ! constraints after the last step: the Jacobian's error along it
             direction = change/dot_product(change, change)
             objective%found%jacobian = objective%found%jacobian &
                                        + spread(constraints, 2, size(change)) &
@@ -189,7 +184,7 @@ contains
          end if
          if (objective%found%violation <= tolerance) return
          change = 0.0_wp
-         call lead_back(objective%found, constraints, change, is_regular)
+         call correct_step(objective%found, constraints, change, is_regular)
          if (.not. is_regular) return
          objective%point = objective%point + change
       end do
@@ -203,26 +198,26 @@ contains
       logical, intent(out) :: is_inside
       real(wp), allocatable :: moved_state(:)
       real(wp) :: moved(size(gradient))
-      integer :: i, n, way
+      integer :: i, n, direction
 
       n = size(jacobian, 1)
       is_inside = .true.
       do i = 1, size(moved)
-         do way = 1, -1, -2
+         do direction = 1, -1, -2
             moved = objective%point
-            moved(i) = moved(i) + way*step
+            moved(i) = moved(i) + direction*step
             call objective%evaluate(moved, moved_state, is_inside)
             if (is_inside) exit
          end do
          if (.not. is_inside) return
-         gradient(i) = objective%gain(state, moved_state)/(way*step)
-         jacobian(:, i) = (moved_state(:n) - state(:n))/(way*step)
+         gradient(i) = objective%gain(state, moved_state)/(direction*step)
+         jacobian(:, i) = (moved_state(:n) - state(:n))/(direction*step)
       end do
    end subroutine differentiate
 
-   !> Finds the step H (g - J' lambda) of sequential quadratic programming, and the multipliers for
-   !> which it ends on the linearized constraints. Fails if these do not depend on the variables, or
-   !> one depends on the others.
+   !> Finds the step H (g - J' lambda) of sequential quadratic programming, with the multipliers
+   !> lambda for which the linearized constraints are zero after it. `is_regular` is false if the
+   !> gradients of the constraints are linearly dependent.
    subroutine step_to_maximum(metric, jacobian, gradient, constraints, change, multipliers, &
                               is_regular)
       real(wp), intent(in) :: metric(:, :)     !! H, inverse Hessian (variable, variable)
@@ -249,8 +244,8 @@ contains
       change = matmul(metric, gradient - matmul(multipliers, jacobian))
    end subroutine step_to_maximum
 
-   !> The part of the gradient that is no combination of the constraints' gradients; all of it where
-   !> these depend on each other.
+   !> Part of the gradient orthogonal to the gradients of the constraints; all of it if these are
+   !> linearly dependent.
    function rest_of_gradient(gradient, jacobian) result(rest)
       real(wp), intent(in) :: gradient(:), jacobian(:, :)
       real(wp) :: rest(size(gradient))
@@ -260,7 +255,7 @@ contains
 
       rest = gradient
       zero = 0.0_wp
-      do pass = 1, 2   ! the second frees it from the rounding of the first
+      do pass = 1, 2   ! the second removes the rounding error of the first
          call step_to_maximum(unit_matrix(size(rest)), jacobian, rest, zero, change, multipliers, &
                               is_regular)
          if (is_regular) rest = change

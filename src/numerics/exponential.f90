@@ -1,4 +1,4 @@
-!> Exponential of a matrix, and its moments.
+!> Exponential of a matrix, exp(A t), and its moments, integrals of exp(A s) B s^k.
 module numerics_exponential
    use core_kinds, only: wp
    use numerics_lapack, only: unit_matrix
@@ -6,7 +6,7 @@ module numerics_exponential
    private
    public :: exponential_type, find_exponential
 
-   !> exp(A t), and J_k(t) = integral over s from 0 to t of exp(A s) B s^k.
+   !> exp(A t), and its moments J_k(t) = integral of exp(A s) B s^k over s from 0 to t.
    type :: exponential_type
       real(wp), allocatable :: value(:, :)       !! (n, n)
       real(wp), allocatable :: moment(:, :, :)   !! (n, column of B, k from 0)
@@ -14,9 +14,8 @@ module numerics_exponential
 
 contains
 
-   !> Computes exp(A t) and J_k(t) at t = 1/2 and t = 1. Power series for t = 2^-s, s >= 1, where
-   !> |A| t <= 1/2, then doubled: J_k(2t) = J_k(t) + exp(A t) sum_i binomial(k, i) t^(k - i)
-   !> J_i(t).
+   !> Computes exp(A t) and J_k(t) at t = 1/2 and t = 1, by power series at t = 2^-s, where
+   !> |A| t <= 1/2 and s >= 1, then by doublings of t.
    pure subroutine find_exponential(a, b, last_moment, half, full)
       real(wp), intent(in) :: a(:, :)      !! (n, n)
       real(wp), intent(in) :: b(:, :)      !! (n, column)
@@ -45,7 +44,7 @@ contains
       integer, intent(in) :: last_moment
       type(exponential_type), intent(out) :: series
       integer, parameter :: last_term = 16   !! 0.5^17/17! = 2e-20
-      real(wp) :: power(size(a, 1), size(a, 1)), pushed(size(a, 1), size(b, 2))
+      real(wp) :: power(size(a, 1), size(a, 1)), power_b(size(a, 1), size(b, 2))
       integer :: i, k
 
       power = unit_matrix(size(a, 1))
@@ -54,27 +53,28 @@ contains
       do i = 0, last_term
          if (i > 0) power = matmul(power, a)*(t/i)
          if (i > 0) series%value = series%value + power
-         pushed = matmul(power, b)
+         power_b = matmul(power, b)
          do k = 0, last_moment
-            series%moment(:, :, k) = series%moment(:, :, k) + (t**(k + 1)/(i + k + 1))*pushed
+            series%moment(:, :, k) = series%moment(:, :, k) + (t**(k + 1)/(i + k + 1))*power_b
          end do
       end do
    end subroutine sum_series
 
+   !> Doubles t: J_k(2t) = J_k(t) + exp(A t) sum_i binomial(k, i) t^(k - i) J_i(t).
    pure subroutine double_time(t, series)
       real(wp), intent(in) :: t
       type(exponential_type), intent(inout) :: series
-      real(wp) :: binomial, before(size(series%moment, 1), size(series%moment, 2))
+      real(wp) :: binomial, shifted(size(series%moment, 1), size(series%moment, 2))
       integer :: i, k
 
       do k = ubound(series%moment, 3), 0, -1   ! J_i of i <= k are still those at t
-         before = 0.0_wp
+         shifted = 0.0_wp
          binomial = 1.0_wp
          do i = k, 0, -1
-            before = before + binomial*t**(k - i)*series%moment(:, :, i)
+            shifted = shifted + binomial*t**(k - i)*series%moment(:, :, i)
             binomial = binomial*i/(k - i + 1)
          end do
-         series%moment(:, :, k) = series%moment(:, :, k) + matmul(series%value, before)
+         series%moment(:, :, k) = series%moment(:, :, k) + matmul(series%value, shifted)
       end do
       series%value = matmul(series%value, series%value)
    end subroutine double_time

@@ -1,7 +1,7 @@
-!> The one door to FFTW: real transforms in buffers of their own.
+!> Fourier transforms of real signals by FFTW; no other module calls it.
 !>
-!> Plans are made with FFTW_ESTIMATE, without measurements, so the same length gives the same bits
-!> in every run on a machine.
+!> Plans are made with FFTW_ESTIMATE, without measurements, so that the same length gives the same
+!> bits in every run on a machine.
 module numerics_fftw
    use, intrinsic :: iso_c_binding
    use core_kinds, only: wp
@@ -18,14 +18,14 @@ module numerics_fftw
       end subroutine c_free
    end interface
 
-   !> Plan and aligned arrays of a transform, freed with the variable; never copy it. Forwards,
-   !> spectrum(k) = sum over j of signal(j) exp(-2 pi i j k/n), and the signal is kept; inversely,
-   !> signal(j) = sum over all k of spectrum(k) exp(2 pi i j k/n), not divided by n, and the
-   !> spectrum is destroyed.
+   !> Plan and aligned arrays of a transform, freed with the variable; it must not be copied. A
+   !> forward transform is spectrum(k) = sum over j of signal(j) exp(-2 pi i j k/n), and keeps the
+   !> signal; an inverse one is signal(j) = sum over all k of spectrum(k) exp(2 pi i j k/n), not
+   !> divided by n, and destroys the spectrum.
    type :: real_fft
-      integer :: n = 0                                              !! length of the signal, 0: none
+      integer :: n = 0                                              !! signal length; 0: no plan
       real(wp), pointer, contiguous :: signal(:) => null()          !! (0:n-1)
-      complex(wp), pointer, contiguous :: spectrum(:) => null()     !! (0:n/2), half of it
+      complex(wp), pointer, contiguous :: spectrum(:) => null()     !! (0:n/2), without conjugates
       logical, private :: is_inverse = .false.
       type(c_ptr), private :: plan = c_null_ptr
       type(c_ptr), private :: signal_memory = c_null_ptr
@@ -38,7 +38,7 @@ module numerics_fftw
 
 contains
 
-   !> Version of the library, from its wisdom, which begins '(fftw-3.3.10 '.
+   !> Version of the FFTW library, from its exported wisdom, which begins '(fftw-3.3.10 '.
    function fftw_library() result(text)
       character(:), allocatable :: text
       integer, parameter :: prefix = len('(fftw-'), longest = 40
@@ -57,7 +57,7 @@ contains
       call c_free(wisdom)
    end function fftw_library
 
-   !> The smallest even length, not below n, that is a product of 2, 3, 5 and 7.
+   !> Smallest even length of at least n that has no prime factors but 2, 3, 5 and 7.
    pure function good_fft_length(n) result(length)
       integer, intent(in) :: n
       integer :: length
@@ -77,11 +77,11 @@ contains
       end do
    end function good_fft_length
 
-   !> Plans transforms of length n, forwards unless told otherwise, and frees earlier plans.
+   !> Plans forward or inverse transforms of length n and frees an earlier plan.
    subroutine prepare(self, n, is_inverse)
       class(real_fft), intent(inout) :: self
       integer, intent(in) :: n   !! positive
-      logical, intent(in), optional :: is_inverse
+      logical, intent(in), optional :: is_inverse   !! absent: forward
       real(wp), pointer, contiguous :: signal(:)
       complex(wp), pointer, contiguous :: spectrum(:)
 
@@ -103,7 +103,7 @@ contains
       end if
    end subroutine prepare
 
-   !> Goes from signal to spectrum, or back.
+   !> Transforms the signal into the spectrum, or the reverse.
    subroutine execute(self)
       class(real_fft), intent(inout) :: self
 
@@ -115,7 +115,7 @@ contains
       end if
    end subroutine execute
 
-   !> Frees plans and buffers, if there are any.
+   !> Frees plan and arrays, if there are any.
    subroutine release(self)
       type(real_fft), intent(inout) :: self
 

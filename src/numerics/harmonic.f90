@@ -1,7 +1,7 @@
-!> Fundamental of a periodic or nearly periodic motion: the least-squares fit of a constant and five
-!> harmonics to the values of a window of about ten periods.
+!> Fundamental of a nearly periodic motion: least-squares fit of a constant and five harmonics to
+!> the values of a window of about ten periods.
 !>
-!> A window need not hold whole periods. Harmonics above the fifth, which are not fitted, change the
+!> A window need not hold whole periods. Harmonics above the fifth are not fitted; they change the
 !> fundamental by less than 1 % of their own amplitude.
 module numerics_harmonic
    use core_error, only: error_type
@@ -14,22 +14,22 @@ module numerics_harmonic
    integer, parameter :: periods_of_window = 10
    integer, parameter :: n_harmonics = 5
    integer, parameter :: n_terms = 1 + 2*n_harmonics
-   real(wp), parameter :: nearly = 1.0e-3_wp   !! of a value: ten periods that rounding made shorter
+   real(wp), parameter :: rounding = 1.0e-3_wp   !! rounding error of a number of values
 
    !> A window of values at equal intervals.
    type :: harmonic_window
       integer :: n_values = 0
       real(wp) :: frequency = 0.0_wp                     !! of the fundamental [Hz]
       real(wp) :: interval = 0.0_wp                      !! [s]
-      real(wp), allocatable, private :: weight(:, :)     !! (value, sine and cosine)
+      real(wp), allocatable, private :: weight(:, :)     !! (value, sine and cosine) of the fit
    contains
       procedure :: fundamental_share
    end type harmonic_window
 
 contains
 
-   !> Prepares windows of ten periods, rounded down to a whole number of values: two of them fit
-   !> into twenty periods.
+   !> Prepares windows of ten periods, rounded down to a whole number of values, so that two of them
+   !> fit into twenty periods.
    subroutine new_harmonic_window(frequency, interval, window, error)
       real(wp), intent(in) :: frequency   !! [Hz], at most 1/(12 interval)
       real(wp), intent(in) :: interval    !! [s]
@@ -42,7 +42,7 @@ contains
 
       window%frequency = frequency
       window%interval = interval
-      window%n_values = int(periods_of_window/(frequency*interval) + nearly)
+      window%n_values = int(periods_of_window/(frequency*interval) + rounding)
       allocate (terms(window%n_values, n_terms))
       terms(:, 1) = 1.0_wp
       do i = 1, window%n_values
@@ -61,12 +61,11 @@ contains
    end subroutine new_harmonic_window
 
    !> Contribution of some values of the window to the fundamental s + i c of
-   !> x = s sin(2 pi f t) + c cos(2 pi f t), which is the sum of the contributions. `first` is the
-   !> place of the first value in the window, `start` the time one interval before the window.
+   !> x = s sin(2 pi f t) + c cos(2 pi f t), the sum of all contributions.
    pure function fundamental_share(self, first, start, values) result(share)
       class(harmonic_window), intent(in) :: self
-      integer, intent(in) :: first
-      real(wp), intent(in) :: start          !! [s]
+      integer, intent(in) :: first           !! place of the first value in the window
+      real(wp), intent(in) :: start          !! time one interval before the window [s]
       real(wp), intent(in) :: values(:)      !! consecutive
       complex(wp) :: share
       real(wp) :: phase, s, c

@@ -1,6 +1,6 @@
-!> The one door to LAPACK: checked front ends over its double-precision routines.
+!> Linear systems, eigenproblems and matrix products by LAPACK and BLAS; no other module calls them.
 !>
-!> The last bits of a BLAS's sums depend on its number of threads. So each front end first sets the
+!> The last bits of a BLAS's sums depend on its number of threads, so each procedure first sets the
 !> BLAS to one thread, whatever the environment says.
 module numerics_lapack
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_procpointer, c_funptr, c_long, &
@@ -14,17 +14,16 @@ module numerics_lapack
    public :: find_symmetric_eigenvectors, solve_banded_factor, solve_linear_system, &
       solve_positive_definite, solve_symmetric_eigenproblem, unit_matrix
 
-   !> The call that sets the number of threads of each threaded BLAS; a reference BLAS has none.
+   !> Calls that set the number of threads in threaded BLAS libraries.
    character(*), parameter :: thread_setters(*) = [character(28) :: &
       'openblas_set_num_threads', 'MKL_Set_Num_Threads', 'bli_thread_set_num_threads', &
       'flexiblas_set_num_threads']
 
-   logical :: looked_up = .false.                   !! the next line is known
-   type(c_funptr) :: setters(size(thread_setters))  !! null: this program is without that library
+   logical :: has_setters = .false.                 !! the addresses in `setters` are looked up
+   type(c_funptr) :: setters(size(thread_setters))  !! null: the program has not loaded that library
 
    abstract interface
-      !> Sets the number of threads. Some declare int, some long; both are passed in the same
-      !> register.
+      !> Sets the number of threads, an int or a long; both are passed in the same register.
       subroutine set_threads(n) bind(c)
          import :: c_long
          integer(c_long), value :: n
@@ -34,7 +33,7 @@ module numerics_lapack
    interface
       function c_dlsym(library, name) result(address) bind(c, name='dlsym')
          import :: c_char, c_funptr, c_ptr
-         type(c_ptr), value :: library   !! null: all that this process has loaded
+         type(c_ptr), value :: library   !! null: all libraries that this process has loaded
          character(kind=c_char), intent(in) :: name(*)
          type(c_funptr) :: address
       end function c_dlsym
@@ -114,7 +113,7 @@ module numerics_lapack
 
 contains
 
-   !> Version of the library's interface, such as '3.9.0'.
+   !> Version of LAPACK's interface, such as '3.9.0'.
    function lapack_version() result(text)
       character(:), allocatable :: text
       integer :: major, minor, patch
@@ -123,17 +122,17 @@ contains
       text = to_text(major)//'.'//to_text(minor)//'.'//to_text(patch)
    end function lapack_version
 
-   !> Sets the BLAS of this process to one thread. The call is looked up at run time, because it
-   !> depends on the library that the system loads.
+   !> Sets the BLAS to one thread. The call is looked up at run time, because it depends on the
+   !> library that the system loads.
    subroutine use_one_thread()
       procedure(set_threads), pointer :: set
       integer :: i
 
-      if (.not. looked_up) then
+      if (.not. has_setters) then
          do i = 1, size(setters)
             setters(i) = c_dlsym(c_null_ptr, trim(thread_setters(i))//c_null_char)
          end do
-         looked_up = .true.
+         has_setters = .true.
       end if
       do i = 1, size(setters)
          if (.not. c_associated(setters(i))) cycle
@@ -142,8 +141,9 @@ contains
       end do
    end subroutine use_one_thread
 
-   !> Finds all pairs of A x = lambda B x, A symmetric, B symmetric positive definite; X' B X = 1.
-   !> Values alone cost a third. A B that is not positive definite is bad input.
+   !> Finds all eigenvalues of A x = lambda B x, A symmetric, B symmetric positive definite, and at
+   !> three times the cost the eigenvectors, X' B X = 1. If B is not positive definite, the error is
+   !> exit_bad_input.
    subroutine solve_symmetric_eigenproblem(a, b, eigenvalues, error, eigenvectors)
       real(wp), intent(in) :: a(:, :), b(:, :)               !! (n, n)
       real(wp), allocatable, intent(out) :: eigenvalues(:)      !! (n), ascending
@@ -198,9 +198,9 @@ contains
                  b, size(b, 1), 0.0_wp, c, size(c, 1))
    end subroutine multiply
 
-   !> Finds all eigenvalues of a general matrix, in LAPACK's order, and their right eigenvectors. Of
-   !> a pair, one after another, the columns are the real and the imaginary part of the first one's.
-   !> Fails if an element is not finite.
+   !> Finds all eigenvalues of a general matrix, in LAPACK's order, and their right eigenvectors. A
+   !> conjugate pair has two columns: the real and the imaginary part of the first one's
+   !> eigenvector. Raises an error if an element is not finite.
    subroutine find_eigenvalues(a, eigenvalues, error, eigenvectors)
       real(wp), intent(in) :: a(:, :)                          !! (n, n)
       complex(wp), allocatable, intent(out) :: eigenvalues(:)  !! (n)
@@ -214,7 +214,7 @@ contains
       copy = a
       allocate (re(n), im(n), work(34*n), vectors(n, merge(n, 1, present(eigenvectors))))
       call use_one_thread()
-      info = -5   ! LAPACK's way to name its fifth argument
+      info = -5   ! LAPACK's code for a bad fifth argument, the matrix
       if (all(abs(a) <= huge(1.0_wp))) &
          call dgeev('N', merge('V', 'N', present(eigenvectors)), n, copy, n, re, im, no_left, 1, &
                     vectors, n, work, size(work), info)
@@ -227,7 +227,7 @@ contains
       if (present(eigenvectors)) call move_alloc(vectors, eigenvectors)
    end subroutine find_eigenvalues
 
-   !> Finds x of A x = b, A general.
+   !> Solves A x = b, A general.
    subroutine solve_linear_system(a, b, x, error)
       real(wp), intent(in) :: a(:, :)            !! (n, n)
       real(wp), intent(in) :: b(:)               !! (n)
@@ -250,7 +250,7 @@ contains
       call solve_columns(a, inverse, error)
    end subroutine invert_matrix
 
-   !> Overwrites B by X of A X = B, A general.
+   !> Solves A X = B, A general; overwrites B by X.
    subroutine solve_columns(a, b, error)
       real(wp), intent(in) :: a(:, :)                 !! (n, n)
       real(wp), intent(inout), contiguous :: b(:, :)  !! (n, right-hand side)
@@ -266,7 +266,7 @@ contains
                                 ': it is singular (pivot '//to_text(info)//' is zero)')
    end subroutine solve_columns
 
-   !> Overwrites B by X of A X = B, A symmetric positive definite, and A by its factor.
+   !> Solves A X = B, A symmetric positive definite; overwrites B by X and A by its Cholesky factor.
    subroutine solve_positive_definite(a, b, error)
       real(wp), intent(inout), contiguous :: a(:, :)   !! (n, n)
       real(wp), intent(inout), contiguous :: b(:, :)   !! (n, right-hand side)
@@ -280,13 +280,13 @@ contains
                                 to_text(n)//': LAPACK dposv returned '//to_text(info))
    end subroutine solve_positive_definite
 
-   !> Overwrites white noise by x of L' x = noise, where L L' is the banded Toeplitz matrix with
-   !> entries band(abs(i - j)): x has the inverse of that matrix as its covariance.
+   !> Solves L' x = white noise, where L L' is the banded Toeplitz matrix of entries band(abs(i -
+   !> j)): the covariance of x is the inverse of that matrix.
    subroutine solve_banded_factor(band, x, error)
       real(wp), intent(in) :: band(0:)
-      real(wp), intent(inout), contiguous :: x(:)   !! (n)
+      real(wp), intent(inout), contiguous :: x(:)   !! (n); white noise, then x
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: factor(:, :)         ! diagonal and those below it, a column each
+      real(wp), allocatable :: factor(:, :)         ! (diagonal from the main one down, column)
       integer :: info, n, width
 
       n = size(x)
@@ -302,7 +302,7 @@ contains
       end if
    end subroutine solve_banded_factor
 
-   !> The unit matrix of n rows.
+   !> Unit matrix of n rows.
    pure function unit_matrix(n) result(matrix)
       integer, intent(in) :: n
       real(wp) :: matrix(n, n)

@@ -1,8 +1,8 @@
-!> The one door to NLopt: minimization in a box under equality constraints by its SLSQP, through its
-!> C interface.
+!> Minimization in a box under equality constraints by SLSQP of NLopt, through its C interface; no
+!> other module calls NLopt.
 !>
-!> A problem is an extension of `minimization_problem`. Constraints are evaluated again where NLopt
-!> stopped; its own report is not used.
+!> A problem is an extension of `minimization_problem`. The constraints are evaluated again at the
+!> last point; NLopt's own code of success is not used.
 module numerics_nlopt
    use, intrinsic :: ieee_exceptions, only: ieee_get_halting_mode, ieee_set_halting_mode, ieee_usual
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_double, c_f_pointer, c_funloc, &
@@ -13,16 +13,16 @@ module numerics_nlopt
    private
    public :: minimization_problem, minimize, nlopt_library
 
-   !> Function to be minimized. Extend it with the problem's own data.
+   !> Function to be minimized; extend it with the data of the problem.
    type, abstract :: minimization_problem
-      integer :: n_equalities = 0   !! constraints c(x) = 0
+      integer :: n_equalities = 0   !! number of constraints c(x) = 0
    contains
       procedure(objective_interface), deferred :: objective
       procedure(equalities_interface), deferred :: equalities
    end type minimization_problem
 
    abstract interface
-      !> Finds f(x), and its gradient on request. A value that is not finite ends the search.
+      !> Finds f(x), and its gradient if present. A value that is not finite ends the search.
       subroutine objective_interface(self, x, value, gradient)
          import :: minimization_problem, wp
          implicit none(type, external)
@@ -32,7 +32,7 @@ module numerics_nlopt
          real(wp), optional, intent(out) :: gradient(:)   !! (n)
       end subroutine objective_interface
 
-      !> Finds c(x), and its derivatives on request.
+      !> Finds c(x), and its derivatives if present.
       subroutine equalities_interface(self, x, values, jacobian)
          import :: minimization_problem, wp
          implicit none(type, external)
@@ -55,7 +55,7 @@ module numerics_nlopt
    procedure(set_number), bind(c) :: nlopt_set_ftol_rel, nlopt_set_lower_bounds1, &
                                      nlopt_set_upper_bounds1, nlopt_set_xtol_rel
 
-   !> NLopt's own procedures, as its C header declares them.
+   !> Other procedures of NLopt, as its C header declares them.
    interface
       subroutine nlopt_version(major, minor, bugfix) bind(c)
          import :: c_int
@@ -117,18 +117,18 @@ module numerics_nlopt
       end function nlopt_optimize
    end interface
 
-   !> Data behind NLopt's void pointer.
-   type :: traveller
+   !> Data that NLopt passes to the callbacks below.
+   type :: callback_data
       class(minimization_problem), pointer :: problem => null()
       type(c_ptr) :: optimizer = c_null_ptr
-      !> Floating-point exceptions that halt the program. NLopt may raise them: its SLSQP divides by
-      !> zero if constraints contradict each other.
+      !> true for floating-point exceptions that halt the program; NLopt may raise them: its SLSQP
+      !> divides by zero if constraints contradict each other
       logical :: halts(size(ieee_usual)) = .false.
-   end type traveller
+   end type callback_data
 
 contains
 
-   !> Version of the library.
+   !> Version of the NLopt library.
    function nlopt_library() result(text)
       character(:), allocatable :: text
       integer(c_int) :: major, minor, bugfix
@@ -137,90 +137,91 @@ contains
       text = to_text(int(major))//'.'//to_text(int(minor))//'.'//to_text(int(bugfix))
    end function nlopt_library
 
-   !> Searches from a start in the box until f and x change by less than 1e-12, relatively.
-   subroutine minimize(problem, farthest, tolerance, max_evaluations, x, is_feasible)
+   !> Minimizes f from a start in the box, until f and x change relatively by less than 1e-12.
+   subroutine minimize(problem, bound, tolerance, max_evaluations, x, is_feasible)
       class(minimization_problem), target, intent(inout) :: problem
-      real(wp), intent(in) :: farthest     !! |x| is at most this
-      real(wp), intent(in) :: tolerance    !! |c(x)| up to it is satisfied
+      real(wp), intent(in) :: bound        !! largest |x| of the box
+      real(wp), intent(in) :: tolerance    !! largest |c(x)| of a satisfied constraint
       integer, intent(in) :: max_evaluations
-      real(wp), intent(inout) :: x(:)      !! (n) the start; then where the search ended
-      logical, intent(out) :: is_feasible  !! every c(x) is satisfied
-      real(wp), parameter :: settled = 1.0e-12_wp
-      type(traveller), target :: luggage
+      real(wp), intent(inout) :: x(:)      !! (n) start, then the last point
+      logical, intent(out) :: is_feasible  !! true if all constraints are satisfied there
+      real(wp), parameter :: relative_change = 1.0e-12_wp
+      type(callback_data), target :: callback
       real(wp) :: tolerances(problem%n_equalities), values(problem%n_equalities)
-      real(c_double) :: claimed
+      real(c_double) :: value
       integer(c_int) :: code(8)
 
-      luggage%problem => problem
-      luggage%optimizer = nlopt_create(nlopt_algorithm_from_string('LD_SLSQP'//c_null_char), &
+      callback%problem => problem
+      callback%optimizer = nlopt_create(nlopt_algorithm_from_string('LD_SLSQP'//c_null_char), &
                                        size(x, kind=c_int))
       tolerances = tolerance
-      associate (optimizer => luggage%optimizer)
-         code(1) = nlopt_set_min_objective(optimizer, c_funloc(call_objective), c_loc(luggage))
+      associate (optimizer => callback%optimizer)
+         code(1) = nlopt_set_min_objective(optimizer, c_funloc(call_objective), c_loc(callback))
          code(2) = nlopt_add_equality_mconstraint(optimizer, size(tolerances, kind=c_int), &
-                                                  c_funloc(call_equalities), c_loc(luggage), &
+                                                  c_funloc(call_equalities), c_loc(callback), &
                                                   tolerances)
-         code(3) = nlopt_set_lower_bounds1(optimizer, -farthest)
-         code(4) = nlopt_set_upper_bounds1(optimizer, farthest)
-         code(5) = nlopt_set_ftol_rel(optimizer, settled)
-         code(6) = nlopt_set_xtol_rel(optimizer, settled)
+         code(3) = nlopt_set_lower_bounds1(optimizer, -bound)
+         code(4) = nlopt_set_upper_bounds1(optimizer, bound)
+         code(5) = nlopt_set_ftol_rel(optimizer, relative_change)
+         code(6) = nlopt_set_xtol_rel(optimizer, relative_change)
          code(7) = nlopt_set_maxeval(optimizer, int(max_evaluations, c_int))
          if (any(code(:7) < 0)) error stop 'minimize: NLopt refuses a setting'
-         call ieee_get_halting_mode(ieee_usual, luggage%halts)
+         call ieee_get_halting_mode(ieee_usual, callback%halts)
          call ieee_set_halting_mode(ieee_usual, .false.)
-         code(8) = nlopt_optimize(optimizer, x, claimed)   ! it may fail where it has come far
-         call ieee_set_halting_mode(ieee_usual, luggage%halts)
+         code(8) = nlopt_optimize(optimizer, x, value)   ! its last point is used even if it fails
+         call ieee_set_halting_mode(ieee_usual, callback%halts)
          call nlopt_destroy(optimizer)
       end associate
-      is_feasible = is_finite(claimed)
+      is_feasible = is_finite(value)
       if (.not. is_feasible) return
       call problem%equalities(x, values)
       is_feasible = all(abs(values) <= tolerance)
    end subroutine minimize
 
-   !> NLopt's objective: unpacks the problem and evaluates it.
+   !> Objective for NLopt; ends the search if it is not finite.
    function call_objective(n, x, gradient, data) result(value) bind(c)
       integer(c_int), value :: n
       real(c_double), intent(in) :: x(n)
-      type(c_ptr), value :: gradient, data   !! gradient is null where it is not needed
+      type(c_ptr), value :: gradient, data   !! gradient is null if it is not needed
       real(c_double) :: value
-      type(traveller), pointer :: luggage
-      real(c_double), pointer :: slope(:)
+      type(callback_data), pointer :: callback
+      real(c_double), pointer :: derivatives(:)
       integer(c_int) :: code
 
-      call c_f_pointer(data, luggage)
-      call ieee_set_halting_mode(ieee_usual, luggage%halts)
-      slope => null()   ! an absent argument
-      if (c_associated(gradient)) call c_f_pointer(gradient, slope, [n])
-      call luggage%problem%objective(x, value, slope)
+      call c_f_pointer(data, callback)
+      call ieee_set_halting_mode(ieee_usual, callback%halts)
+      derivatives => null()   ! an absent argument
+      if (c_associated(gradient)) call c_f_pointer(gradient, derivatives, [n])
+      call callback%problem%objective(x, value, derivatives)
       call ieee_set_halting_mode(ieee_usual, .false.)
-      if (.not. is_finite(value)) code = nlopt_force_stop(luggage%optimizer)
+      if (.not. is_finite(value)) code = nlopt_force_stop(callback%optimizer)
    end function call_objective
 
+   !> Evaluates the constraints for NLopt.
    subroutine call_equalities(m, values, n, x, gradient, data) bind(c)
       integer(c_int), value :: m, n
       real(c_double), intent(out) :: values(m)
       real(c_double), intent(in) :: x(n)
       type(c_ptr), value :: gradient, data
-      type(traveller), pointer :: luggage
+      type(callback_data), pointer :: callback
       real(c_double), pointer :: jacobian(:, :)
 
-      call c_f_pointer(data, luggage)
-      call ieee_set_halting_mode(ieee_usual, luggage%halts)
+      call c_f_pointer(data, callback)
+      call ieee_set_halting_mode(ieee_usual, callback%halts)
       jacobian => null()
       if (c_associated(gradient)) call c_f_pointer(gradient, jacobian, [n, m])
-      call luggage%problem%equalities(x, values, jacobian)
+      call callback%problem%equalities(x, values, jacobian)
       call ieee_set_halting_mode(ieee_usual, .false.)
    end subroutine call_equalities
 
-   !> True if x is neither infinite nor a NaN, judged by its exponent: a comparison would trap, and
-   !> ieee_arithmetic saves and restores the processor's traps around every procedure that sees it.
+   !> True if x is neither infinite nor a NaN, by its exponent: a comparison would trap, and
+   !> procedures that use ieee_arithmetic save and restore the processor's traps at each call.
    elemental function is_finite(x) result(is_so)
       real(wp), intent(in) :: x
       logical :: is_so
-      integer(long), parameter :: exponents = 2047_long
+      integer(long), parameter :: largest = 2047_long   ! exponent of infinities and NaNs
 
-      is_so = iand(ishft(transfer(x, exponents), -52), exponents) /= exponents
+      is_so = iand(ishft(transfer(x, largest), -52), largest) /= largest
    end function is_finite
 
 end module numerics_nlopt

@@ -7,7 +7,7 @@ module numerics_quadrature
 
 contains
 
-   !> Computes nodes and weights on [low, high], nodes ascending; exact for polynomials of degree
+   !> Computes n nodes, ascending, and their weights on [low, high]; exact for polynomials of degree
    !> 2n - 1.
    pure subroutine gauss_legendre(low, high, nodes, weights)
       real(wp), intent(in) :: low, high
@@ -18,7 +18,7 @@ contains
       n = size(nodes)
       do i = 1, n
          x = -cos(pi*(i - 0.25_wp)/(n + 0.5_wp))
-         do step = 1, 8   ! Newton on P_n; the last ones change nothing
+         do step = 1, 8   ! Newton's method for P_n(x) = 0; the last steps change nothing
             p = x
             previous = 1.0_wp
             do degree = 2, n

@@ -1,5 +1,4 @@
-!> Roots of polynomials, and of an increasing function whose values the caller supplies one at a
-!> time.
+!> Roots of polynomials, and of an increasing function that the caller evaluates at given points.
 module numerics_roots
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -9,21 +8,21 @@ module numerics_roots
    private
    public :: find_polynomial_roots, root_search
 
-   !> Steps that double until the root is enclosed, then regula falsi that keeps its bracket.
+   !> Search for the root of an increasing function: steps that double until the root is bracketed,
+   !> then regula falsi of Anderson and Bjorck.
    type :: root_search
-      real(wp) :: step = 1.0_wp                              !! the first one, while not enclosed
-      real(wp) :: low = -huge(1.0_wp), high = huge(1.0_wp)   !! bounds of the root
+      real(wp) :: step = 1.0_wp                              !! next step, until it is bracketed
+      real(wp) :: low = -huge(1.0_wp), high = huge(1.0_wp)   !! bracket of the root
       real(wp), private :: low_value = -huge(1.0_wp), high_value = huge(1.0_wp)
-      integer, private :: side = 0                           !! side of the last value
+      integer, private :: side = 0                           !! sign of the last value
    contains
       procedure :: advance
    end type root_search
 
 contains
 
-   !> Finds all roots of x**n + sum c_q x**(n-q), by descending modulus, conjugates together:
-   !> eigenvalues of the companion matrix, each polished by Newton steps that lower the polynomial's
-   !> value.
+   !> Finds all roots of x**n + sum c_q x**(n-q), in order of descending modulus, conjugate pairs
+   !> together: eigenvalues of the companion matrix, refined by Newton's method.
    subroutine find_polynomial_roots(coefficients, roots, error)
       real(wp), intent(in) :: coefficients(:)             !! c_q, q = 1..n
       complex(wp), allocatable, intent(out) :: roots(:)   !! (n)
@@ -44,15 +43,15 @@ contains
       call find_eigenvalues(companion, roots, error)
       if (allocated(error)) return
       call polish(coefficients, roots)
-      roots = roots(sort_order(-abs(roots)))   ! a pair has one modulus, and stays together
+      roots = roots(sort_order(-abs(roots)))   ! the order of equal moduli, as of pairs, stays
    end subroutine find_polynomial_roots
 
-   !> Polishes roots by Newton steps while these lower |p|; of a conjugate pair the upper root,
-   !> which is then mirrored.
+   !> Refines roots by Newton steps while these lower |p|. The second root of a pair is set to the
+   !> conjugate of the first.
    pure subroutine polish(coefficients, roots)
       real(wp), intent(in) :: coefficients(:)
       complex(wp), intent(inout) :: roots(:)
-      integer, parameter :: max_steps = 4   ! eigenvalues are good to a few digits less than all
+      integer, parameter :: max_steps = 4   ! eigenvalues lack only a few digits
       complex(wp) :: slope, trial, trial_slope, trial_value, value
       integer :: i, step
 
@@ -87,7 +86,7 @@ contains
       end do
    end subroutine evaluate
 
-   !> Takes the value at x and moves x to the next point.
+   !> Narrows the bracket by the function's value at x and moves x to the next point.
    pure subroutine advance(self, x, value)
       class(root_search), intent(inout) :: self
       real(wp), intent(inout) :: x
@@ -95,12 +94,12 @@ contains
       integer :: side
 
       side = merge(1, -1, value > 0.0_wp)
-      if (side == 1) then   ! an end that stays twice is made to count less (Anderson, Bjorck)
-         if (self%side == side) self%low_value = self%low_value*weight_left(value, self%high_value)
+      if (side == 1) then   ! if the other end stays a second time, its value is reduced
+         if (self%side == side) self%low_value = self%low_value*reduction(value, self%high_value)
          self%high = x
          self%high_value = value
       else
-         if (self%side == side) self%high_value = self%high_value*weight_left(value, self%low_value)
+         if (self%side == side) self%high_value = self%high_value*reduction(value, self%low_value)
          self%low = x
          self%low_value = value
       end if
@@ -115,12 +114,13 @@ contains
       end if
    end subroutine advance
 
-   elemental function weight_left(value, before) result(weight)
-      real(wp), intent(in) :: value, before
-      real(wp) :: weight
+   !> Factor by which Anderson and Bjorck reduce the value at the end that stays.
+   elemental function reduction(value, before) result(factor)
+      real(wp), intent(in) :: value, before   !! new and old value at the end that moves
+      real(wp) :: factor
 
-      weight = 1.0_wp - value/before
-      if (.not. weight > 0.0_wp) weight = 0.5_wp
-   end function weight_left
+      factor = 1.0_wp - value/before
+      if (.not. factor > 0.0_wp) factor = 0.5_wp
+   end function reduction
 
 end module numerics_roots

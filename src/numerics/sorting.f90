@@ -1,15 +1,15 @@
-!> Ascending order of numbers.
+!> Sorting of numbers.
 module numerics_sorting
    use core_kinds, only: wp
    implicit none(type, external)
    private
    public :: sort_order
 
-   integer, parameter :: first_run = 128   !! values whose ranks are counted
+   integer, parameter :: short_run = 128   !! length of the runs that are sorted by counting
 
 contains
 
-   !> Positions of the values in ascending order; equal values keep their order (merge sort).
+   !> Indices of the values in ascending order, equal values in their own order (merge sort).
    pure function sort_order(values) result(order)
       real(wp), intent(in) :: values(:)   !! no NaN
       integer :: order(size(values))
@@ -19,12 +19,12 @@ contains
 
       n = size(values)
       allocate (key(n, 2), place(n, 2))
-      do first = 1, n, first_run
-         last = min(first + first_run - 1, n)
-         call rank_all(values(first:last), first, key(first:last, 1), place(first:last, 1))
+      do first = 1, n, short_run
+         last = min(first + short_run - 1, n)
+         call sort_by_ranks(values(first:last), first, key(first:last, 1), place(first:last, 1))
       end do
       from = 1
-      run = first_run
+      run = short_run
       do while (run < n)
          to = 3 - from
          do first = 1, n, 2*run
@@ -39,35 +39,36 @@ contains
       order = place(:, from)
    end function sort_order
 
-   !> Sorts a few values by counting their ranks, vectorized; `first` is the first one's place.
-   pure subroutine rank_all(values, first, key, place)
+   !> Sorts a few values: the place of each is 1 plus the number of values before it. The loops over
+   !> i are vector operations, so places are counted in reals.
+   pure subroutine sort_by_ranks(values, first, key, place)
       real(wp), intent(in) :: values(:)
-      integer, intent(in) :: first
+      integer, intent(in) :: first           !! index of the first value
       real(wp), intent(out) :: key(:)
       integer, intent(out) :: place(:)
-      real(wp) :: place_of(size(values)), value(size(values))
+      real(wp) :: position(size(values)), value(size(values))
       integer :: i, j
 
-      place_of = 1.0_wp
+      position = 1.0_wp
       value = values
       do j = 1, size(value)
          !$omp simd
          do i = 1, j - 1
-            place_of(i) = place_of(i) + merge(1.0_wp, 0.0_wp, value(j) < value(i))
+            position(i) = position(i) + merge(1.0_wp, 0.0_wp, value(j) < value(i))
          end do
          !$omp simd
          do i = j + 1, size(value)
-            place_of(i) = place_of(i) + merge(1.0_wp, 0.0_wp, value(j) <= value(i))
+            position(i) = position(i) + merge(1.0_wp, 0.0_wp, value(j) <= value(i))
          end do
       end do
       do i = 1, size(value)
-         key(int(place_of(i))) = value(i)
-         place(int(place_of(i))) = first + i - 1
+         key(int(position(i))) = value(i)
+         place(int(position(i))) = first + i - 1
       end do
-   end subroutine rank_all
+   end subroutine sort_by_ranks
 
-   !> Merges two ascending runs, of n_left values and of the rest. It does not branch on the smaller
-   !> of two values, which is unpredictable.
+   !> Merges two ascending runs: the first n_left values and the others. It selects the smaller of
+   !> two values without a branch, which a processor could not predict.
    pure subroutine merge_runs(n_left, key, place, merged_key, merged_place)
       integer, intent(in) :: n_left
       real(wp), intent(in), contiguous :: key(:)

@@ -1,14 +1,14 @@
-!> Sparse matrices by rows, and their products with a vector.
+!> Sparse matrices, stored by rows, and their products with a vector.
 module numerics_sparse
    use core_kinds, only: wp
    implicit none(type, external)
    private
    public :: sparse_matrix, sparse_of
 
-   !> The entries that are not zero, row by row.
+   !> Nonzero entries of a matrix, row by row.
    type :: sparse_matrix
       integer :: n_rows = 0
-      integer, allocatable :: start(:)     !! (row) place of its first entry; (n_rows + 1) the end
+      integer, allocatable :: start(:)     !! (row) its first entry; (n_rows + 1): entries plus 1
       integer, allocatable :: column(:)    !! (entry)
       real(wp), allocatable :: value(:)    !! (entry)
    contains
@@ -18,7 +18,7 @@ module numerics_sparse
 
 contains
 
-   !> The entries of a full matrix that are not zero.
+   !> Sparse form of a full matrix.
    pure function sparse_of(full) result(sparse)
       real(wp), intent(in) :: full(:, :)   !! (row, column)
       type(sparse_matrix) :: sparse
@@ -57,7 +57,7 @@ contains
       end do
    end subroutine multiply
 
-   !> The row of each entry.
+   !> Row of each entry.
    pure function row_of_entries(self) result(row)
       class(sparse_matrix), intent(in) :: self
       integer :: row(size(self%value))

@@ -7,11 +7,11 @@ module numerics_statistics
    public :: n_sums, sums_of, joined_sums, deviation_of_sums, mean_error_of_sums, &
              deviation_error_of_sums, freedoms_of_sums
 
-   integer, parameter :: n_sums = 5   !! of sums_of
+   integer, parameter :: n_sums = 5   !! numbers that `sums_of` returns
 
 contains
 
-   !> Mean of one value or more, summed in their order.
+   !> Mean of one value or more.
    pure function mean(values) result(average)
       real(wp), intent(in) :: values(:)
       real(wp) :: average
@@ -19,7 +19,7 @@ contains
       average = sum(values)/size(values)
    end function mean
 
-   !> Standard deviation of the values' law (n - 1 in the denominator); n >= 2.
+   !> Standard deviation of two values or more, with the denominator n - 1.
    pure function standard_deviation(values) result(deviation)
       real(wp), intent(in) :: values(:)
       real(wp) :: deviation
@@ -27,7 +27,7 @@ contains
       deviation = sqrt(sum((values - mean(values))**2)/(size(values) - 1))
    end function standard_deviation
 
-   !> Standard error of the mean; needs two values.
+   !> Standard error of the mean of two values or more.
    pure function error_of_mean(values) result(error)
       real(wp), intent(in) :: values(:)
       real(wp) :: error
@@ -35,7 +35,8 @@ contains
       error = standard_deviation(values)/sqrt(real(size(values), wp))
    end function error_of_mean
 
-   !> Number of values, their mean, and sums of deviations from it to the powers 2 to 4.
+   !> Number of values, their mean, and the sums of their deviations from it to the powers 2, 3 and
+   !> 4.
    pure function sums_of(values) result(sums)
       real(wp), intent(in) :: values(:)   !! one or more
       real(wp) :: sums(n_sums)
@@ -47,8 +48,7 @@ contains
       sums(5) = sum((values - sums(2))**4)
    end function sums_of
 
-   !> The same of the values of two groups together; powers of deviations from two means are joined
-   !> after Pebay (2008).
+   !> The sums of `sums_of` for two groups of values together (Pebay 2008).
    pure function joined_sums(one, other) result(sums)
       real(wp), intent(in) :: one(n_sums), other(n_sums)
       real(wp) :: sums(n_sums)
@@ -66,22 +66,22 @@ contains
       end associate
    end function joined_sums
 
-   !> Standard deviation; needs two values, as do the errors below.
+   !> Standard deviation; needs two values.
    pure real(wp) function deviation_of_sums(sums)
       real(wp), intent(in) :: sums(n_sums)
 
       deviation_of_sums = sqrt(sums(3)/(sums(1) - 1))
    end function deviation_of_sums
 
-   !> Standard error of the mean.
+   !> Standard error of the mean; needs two values.
    pure real(wp) function mean_error_of_sums(sums)
       real(wp), intent(in) :: sums(n_sums)
 
       mean_error_of_sums = deviation_of_sums(sums)/sqrt(sums(1))
    end function mean_error_of_sums
 
-   !> Values that carry the scatter: (sum of squares)^2/(sum of fourth powers) of deviations from
-   !> the mean; all if they are equal.
+   !> Effective number of values behind the variance: (sum of squares)^2/(sum of fourth powers) of
+   !> the deviations from the mean; all values if they are equal.
    pure real(wp) function freedoms_of_sums(sums)
       real(wp), intent(in) :: sums(n_sums)
 
@@ -91,8 +91,8 @@ contains
 
    !> Standard error of the standard deviation s for a law of any shape: the variance of s^2 is
    !> (m4 - s^4 (n - 3)/(n - 1))/n with the fourth central moment m4, and the relative error of s is
-   !> half of that of s^2. Two or three values say nothing of m4: they have a normal law's. Zero if
-   !> all values are equal.
+   !> half that of s^2. For two or three values m4 is that of a normal law. Zero if all values are
+   !> equal; needs two values.
    pure real(wp) function deviation_error_of_sums(sums) result(error)
       real(wp), intent(in) :: sums(n_sums)
       real(wp) :: s

@@ -1,8 +1,8 @@
-!> Signals whose long spectrum has few lines.
+!> Periodic signals from a few spectral lines: short inverse transforms in place of a long one.
 !>
-!> Only lines up to `last` of a period of n values are not zero. With n = P m and m > 2 last, the
+!> Only lines k <= last of a period of n values are not zero. With n = P m and m > 2 last, the
 !> values p, p + P, p + 2 P, ... of phase p are an inverse transform of length m of the lines times
-!> exp(2 pi i k p/n). P short transforms, which stay in the cache, replace a long one.
+!> exp(2 pi i k p/n). The P short transforms stay in the cache.
 module numerics_synthesis
    use core_kinds, only: two_pi, wp
    use numerics_fftw, only: real_fft
@@ -10,21 +10,21 @@ module numerics_synthesis
    private
    public :: sum_lines
 
-   integer, parameter :: most_phases = 64   !! each turn adds a rounding
-   integer, parameter :: together = 8       !! phases that are stored side by side
+   integer, parameter :: max_phases = 64   !! each phase adds a rounding error to the factors
+   integer, parameter :: together = 8      !! phases that are stored side by side
 
 contains
 
-   !> Finds the first values of signal(j) = sum over k of line(k) exp(2 pi i j k/n) + its conjugate;
-   !> lines 0 and n/2 count once, with their real parts.
+   !> Computes signal(j) = sum over k of line(k) exp(2 pi i j k/n) + its conjugate; lines 0 and n/2
+   !> count once, with their real parts.
    subroutine sum_lines(n, first, line, signal)
       integer, intent(in) :: n                    !! values of a period
-      integer, intent(in) :: first                !! 0 or more; the last one at most n/2
-      complex(wp), intent(in) :: line(first:)
-      real(wp), intent(out) :: signal(0:)         !! at most n values
+      integer, intent(in) :: first                !! index of the first line, at least 0
+      complex(wp), intent(in) :: line(first:)     !! (k), up to n/2 at most
+      real(wp), intent(out) :: signal(0:)         !! (j), the first values of a period
       type(real_fft) :: transform
-      complex(wp), allocatable :: turned(:), turn(:)   ! (first:last)
-      real(wp), allocatable :: part(:, :)              ! (phase, value of it)
+      complex(wp), allocatable :: turned(:), turn(:)   ! (k) lines of a phase; exp(2 pi i k/n)
+      real(wp), allocatable :: part(:, :)              ! (phase, value)
       integer :: i, k, last, n_phases, p, place, values, width
 
       last = ubound(line, 1)
@@ -62,11 +62,11 @@ contains
       end do
    end subroutine sum_lines
 
-   !> The largest divisor of n for which each phase has more than two values a line; at least 1.
+   !> Largest number of phases P that divides n with n/P > 2 last.
    pure integer function count_phases(n, last)
       integer, intent(in) :: n, last
 
-      do count_phases = min(most_phases, n), 2, -1
+      do count_phases = min(max_phases, n), 2, -1
          if (modulo(n, count_phases) == 0 .and. n/count_phases > 2*last) exit
       end do
    end function count_phases
