@@ -1,4 +1,4 @@
-!> Force histories of the user's own: text files, and the rules that any history must keep.
+!> Reads force histories from text files, and checks force histories from any file.
 module config_force_file
    use core_complaints, only: complaint_list
    use core_kinds, only: long, wp
@@ -10,17 +10,17 @@ module config_force_file
    private
    public :: check_force, force_label, read_force_text
 
-   integer, parameter :: max_shown = 10   !! bad lines that are named one by one
+   integer, parameter :: max_shown = 10   !! largest number of bad lines that are named
 
 contains
 
-   !> Reads a force file: one column for each force, or the time before them. Every bad line is a
-   !> complaint.
+   !> Reads a text file with one column per force, and optionally the time in front of them.
+   !> Complains of every bad line.
    subroutine read_force_text(path, n_forces, dt, force, complaints)
       character(*), intent(in) :: path
       integer, intent(in) :: n_forces
-      real(wp), intent(in) :: dt   !! [s] between the times of a file that has them
-      real(wp), allocatable, intent(out) :: force(:, :)   !! (step, force), steps from 0 [N]
+      real(wp), intent(in) :: dt   !! step of the time column [s]
+      real(wp), allocatable, intent(out) :: force(:, :)   !! (0:n_steps, force) [N]
       type(complaint_list), intent(inout) :: complaints
       type(table_type) :: table
       integer :: n_before, n_columns
@@ -34,20 +34,20 @@ contains
       force(:, :) = transpose(table%value(n_columns - n_forces + 1:n_columns, :))
    end subroutine read_force_text
 
-   !> Checks that every row has as many columns as the first, and that times are dt apart to a
-   !> tenth of it, as they may be rounded. Even times of another step are one complaint.
+   !> Checks that every row has as many columns as the first, and that the times are dt apart, to a
+   !> tenth of dt as they may be rounded. Equidistant times with another step are one complaint.
    subroutine check_rows(table, n_columns, n_forces, dt, complaints)
       type(table_type), intent(in) :: table
       integer, intent(in) :: n_columns, n_forces
       real(wp), intent(in) :: dt   !! [s]
       type(complaint_list), intent(inout) :: complaints
-      real(wp), parameter :: share = 0.1_wp
+      real(wp), parameter :: tolerance = 0.1_wp   ! of a time, relative to the step
       real(wp) :: step, time
       integer :: i, n_bad
 
       if (n_columns > n_forces .and. all(table%n_columns == n_columns) .and. table%n_rows > 1) then
          step = (table%value(1, table%n_rows) - table%value(1, 1))/(table%n_rows - 1)
-         if (is_even(step) .and. .not. is_even(dt)) then
+         if (is_equidistant(step) .and. .not. is_equidistant(dt)) then
             call complaints%add_general(table%path//': time between lines = '// &
                                         rounded_text(step, 6)//': must be integration%dt = '// &
                                         to_text(dt))
@@ -62,7 +62,8 @@ contains
             if (n_bad <= max_shown) &
                call table%refuse_row(i, 'columns', to_text(table%n_columns(i)), 'must be '// &
                                      to_text(n_columns)//', as on the first line', complaints)
-         else if (n_columns > n_forces .and. .not. abs(table%value(1, i) - time) <= share*dt) then
+         else if (n_columns > n_forces .and. &
+                  .not. abs(table%value(1, i) - time) <= tolerance*dt) then
             n_bad = n_bad + 1
             if (n_bad <= max_shown) &
                call table%refuse_row(i, 'time', to_text(table%value(1, i)), 'must be '// &
@@ -77,24 +78,24 @@ contains
 
    contains
 
-      !> True if all times are multiples of a step behind the first.
-      pure logical function is_even(step)
+      !> True if the times are first time + i step.
+      pure logical function is_equidistant(step)
          real(wp), intent(in) :: step   !! [s]
          integer :: i
 
-         is_even = all(abs(table%value(1, :) - table%value(1, 1) &
-                           - [(i*step, i=0, table%n_rows - 1)]) <= share*abs(step))
-      end function is_even
+         is_equidistant = all(abs(table%value(1, :) - table%value(1, 1) &
+                           - [(i*step, i=0, table%n_rows - 1)]) <= tolerance*abs(step))
+      end function is_equidistant
 
    end subroutine check_rows
 
-   !> Checks a force record from any file: enough values, all finite, and enough records.
+   !> Checks the force records of a file: number of values and of records, and finite values.
    subroutine check_force(path, force, n_steps, n_forces, n_samples, complaints)
       character(*), intent(in) :: path
       real(wp), intent(in) :: force(0:, :)   !! (step, record) [N]
-      integer, intent(in) :: n_steps         !! 0: as many as there are
+      integer, intent(in) :: n_steps         !! 0: any number
       integer, intent(in) :: n_forces
-      integer, intent(in) :: n_samples       !! with a record of their own for each force; else 0
+      integer, intent(in) :: n_samples       !! samples with their own records; 0: all share one
       type(complaint_list), intent(inout) :: complaints
 
       if (size(force, 1) < 2) then
@@ -117,7 +118,7 @@ contains
          call complaints%add_general(path//': every value must be finite')
    end subroutine check_force
 
-   !> Fingerprint of the values.
+   !> Hash of the values.
    pure function force_label(force) result(label)
       real(wp), intent(in) :: force(:, :)   !! (step, record)
       integer(long) :: label

@@ -1,6 +1,6 @@
-!> Measured values in a text file: one record a line, or one value a line and then one record.
+!> Reads measured values from a text file: one record per line, or one record with a value per line.
 !>
-!> Lines are as in core_table; `nan` is a gap.
+!> Lines are as in core_table; `nan` stands for a missing value.
 module config_measured
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use core_complaints, only: complaint_list, printable
@@ -13,19 +13,19 @@ module config_measured
    private
    public :: read_measured
 
-   integer, parameter :: longest_record = 100000   !! values on one line
-   integer, parameter :: most_bytes = 100000000    !! size of the file
+   integer, parameter :: longest_record = 100000   !! largest number of values of a record
+   integer, parameter :: most_bytes = 100000000    !! largest size of the file
 
 contains
 
-   !> Reads the records of a file; a value that is no number is a complaint.
+   !> Reads the records of a file. Complains of a value that is not a number.
    subroutine read_measured(path, records, complaints)
       character(*), intent(in) :: path
       type(measured_record), allocatable, intent(out) :: records(:)
       type(complaint_list), intent(inout) :: complaints
       character(:), allocatable :: refusal
-      real(wp), allocatable :: values(:)   ! of all records, one behind the other
-      integer, allocatable :: last(:)      ! (record, from 0) its last value among them
+      real(wp), allocatable :: values(:)   ! all records in sequence
+      integer, allocatable :: last(:)      ! (0:record) position of its last value in `values`
       type(source_type) :: source
       integer :: i, n, n_records, number
 
@@ -49,7 +49,7 @@ contains
       if (n_records == 0 .and. complaints%n == 0) &
          call complaints%add_general(path//': holds no values')
       if (n_records > 1 .and. last(n_records) == n_records) then
-         last(1) = n_records   ! a column is one line of joints
+         last(1) = n_records   ! one value per line: a single record
          n_records = 1
       end if
       allocate (records(n_records))
@@ -58,11 +58,11 @@ contains
       end do
    end subroutine read_measured
 
-   !> Adds the values of one line behind the first n, and counts them.
+   !> Appends the values of one line.
    subroutine read_record(place, line, values, n, complaints)
       character(*), intent(in) :: place, line
       real(wp), allocatable, intent(inout) :: values(:)
-      integer, intent(inout) :: n
+      integer, intent(inout) :: n   !! number of values in `values`
       type(complaint_list), intent(inout) :: complaints
       character(:), allocatable :: rule, text
       real(wp) :: value

@@ -1,5 +1,5 @@
-!> The part of `entroslip check` on processes: a table, reasons of refusal, and how their
-!> realizations will be drawn.
+!> The part of `entroslip check` on processes: a table, the reasons why some have no solution, and
+!> how realizations of the exact law are drawn.
 module config_process_summary
    use campaign_plan, only: plan_type
    use core_kinds, only: wp
@@ -9,21 +9,21 @@ module config_process_summary
    use process_reference, only: is_reference, law_name
    implicit none(type, external)
    private
-   public :: is_fitted_to_values, max_rows, process_table
+   public :: is_fitted_by_simulation, max_rows, process_table
 
    character(*), parameter :: line_feed = new_line('a')
-   integer, parameter :: max_rows = 40   !! rows of a table
+   integer, parameter :: max_rows = 40   !! largest number of rows of a table
 
 contains
 
-   !> True if a fit takes seconds, not milliseconds.
-   elemental logical function is_fitted_to_values(request)
+   !> True if the fit simulates values and takes seconds, not milliseconds.
+   elemental logical function is_fitted_by_simulation(request)
       type(process_request), intent(in) :: request
 
-      is_fitted_to_values = request%positive .and. request%order /= 1
-   end function is_fitted_to_values
+      is_fitted_by_simulation = request%positive .and. request%order /= 1
+   end function is_fitted_by_simulation
 
-   !> 'L0 = 3'; 'both = 3, 2.5': L0 and L1; '-' of given values, which no length is imposed on.
+   !> Imposed lengths: 'L0 = 3', 'both = 3, 2.5' of L0 and L1, or '-' for given values.
    pure function length_text(request) result(text)
       type(process_request), intent(in) :: request
       character(:), allocatable :: text
@@ -33,10 +33,10 @@ contains
       if (request%method == 'values') text = '-'
    end function length_text
 
-   !> One row per process, then the reasons why some have no solution.
-   function process_table(plan, foreseen) result(text)
+   !> Table of the processes, one row each, then notes on them.
+   function process_table(plan, predicted) result(text)
       type(plan_type), intent(in) :: plan
-      type(process_model_type), intent(in) :: foreseen(:)
+      type(process_model_type), intent(in) :: predicted(:)
       character(:), allocatable :: text, order, law
       integer :: i, width
 
@@ -59,72 +59,69 @@ contains
             text = text//padded(numbered('p', i), 9)//padded(trim(p%method), 15)// &
                    padded(length_text(p), width)//padded(order, 7)// &
                    padded(brief(p%mean), 7)//padded(brief(p%std), 8)//padded(law, 11)// &
-                   verdict(foreseen(i))//line_feed
+                   solution_text(predicted(i))//line_feed
          end associate
       end do
       if (size(plan%processes) > max_rows) &
          text = text//'... and '//to_text(size(plan%processes) - max_rows)//' more, of which '// &
-                to_text(count(.not. foreseen(max_rows + 1:)%is_solved))//' infeasible'//line_feed
+                to_text(count(.not. predicted(max_rows + 1:)%is_solved))//' infeasible'//line_feed
       if (plan%n_realizations > 0 .or. any(plan%cases%process > 0)) &
-         text = text//drawing_text(foreseen, plan%n_points)
-      do i = 1, size(foreseen)
-         if (.not. foreseen(i)%is_solved) &
-            text = text//labelled(numbered('p', i), foreseen(i)%reason)
-         if (len(branch_note(foreseen(i))) > 0) &
-            text = text//labelled(numbered('p', i), branch_note(foreseen(i)))
+         text = text//drawing_text(predicted, plan%n_points)
+      do i = 1, size(predicted)
+         if (.not. predicted(i)%is_solved) &
+            text = text//labelled(numbered('p', i), predicted(i)%reason)
+         if (len(branch_note(predicted(i))) > 0) &
+            text = text//labelled(numbered('p', i), branch_note(predicted(i)))
       end do
    end function process_table
 
-   !> Verdict on a process that is not fitted yet.
-   pure function verdict(foreseen) result(text)
-      type(process_model_type), intent(in) :: foreseen
+   !> 'feasible', 'infeasible', or 'open' if only the fit can tell.
+   pure function solution_text(predicted) result(text)
+      type(process_model_type), intent(in) :: predicted
       character(:), allocatable :: text
 
-      text = trim(merge('feasible  ', 'infeasible', foreseen%is_solved))
-      if (.not. allocated(foreseen%branch)) return
-      if (foreseen%branch == 'open') text = 'open'
-   end function verdict
+      text = trim(merge('feasible  ', 'infeasible', predicted%is_solved))
+      if (.not. allocated(predicted%branch)) return
+      if (predicted%branch == 'open') text = 'open'
+   end function solution_text
 
-   !> Text on how realizations of the exact law will be drawn; '' where there is none.
-   function drawing_text(foreseen, n_points) result(text)
-      type(process_model_type), intent(in) :: foreseen(:)
+   !> Text on how realizations of the exact law are drawn; '' if there is no such process.
+   function drawing_text(predicted, n_points) result(text)
+      type(process_model_type), intent(in) :: predicted(:)
       integer, intent(in) :: n_points
       character(:), allocatable :: text
-      type(way_type) :: ways(size(foreseen))
-      logical, dimension(size(foreseen)) :: by_sweeps, by_windows
+      type(way_type) :: ways(size(predicted))
+      logical :: is_exact(size(predicted))
       integer :: i
 
-      by_windows = .false.
-      by_sweeps = .false.
-      do i = 1, size(foreseen)
-         associate (asked => foreseen(i)%request)
-            if (.not. (foreseen(i)%is_solved .and. asked%positive)) cycle
-            if (asked%sampler /= 'exact' .or. .not. allocated(foreseen(i)%a)) cycle
-            if (allocated(foreseen(i)%g)) cycle
+      do i = 1, size(predicted)
+         associate (request => predicted(i)%request)
+            is_exact(i) = predicted(i)%is_solved .and. request%positive .and. &
+                          request%sampler == 'exact' .and. allocated(predicted(i)%a) .and. &
+                          .not. allocated(predicted(i)%g)
          end associate
-         ways(i) = way_of_drawing(foreseen(i), n_points)
-         by_windows(i) = ways(i)%by_windows
-         by_sweeps(i) = .not. ways(i)%by_windows
+         if (is_exact(i)) ways(i) = way_of_drawing(predicted(i), n_points)
       end do
-      text = ''
-      if (any(by_windows)) text = drawn(by_windows, 'whole windows, redrawn until one is '// &
-                                        'positive: ', maxval(ways%n_windows, by_windows), &
-                                        ' a realization')
-      if (any(by_sweeps)) text = text//drawn(by_sweeps, 'values of a window redrawn one at a '// &
-                                             'time, in ', real(maxval(ways%n_sweeps, by_sweeps), &
-                                                               wp), ' sweeps')
+      text = drawing_line(is_exact .and. ways%by_windows, &
+                          'whole windows, redrawn until one is positive: ', ways%n_windows, &
+                          ' a realization')// &
+             drawing_line(is_exact .and. .not. ways%by_windows, &
+                          'values of a window redrawn one at a time, in ', &
+                          real(ways%n_sweeps, wp), ' sweeps')
    end function drawing_text
 
-   !> Line on processes drawn in one way, with a number that is the largest of theirs.
-   pure function drawn(are_meant, way, most, unit) result(text)
-      logical, intent(in) :: are_meant(:)   !! (process)
+   !> Line on the processes that are drawn in one way, with their largest number; '' without any.
+   pure function drawing_line(are_meant, way, numbers, unit) result(text)
+      logical, intent(in) :: are_meant(:)    !! (process) true if it is drawn in this way
       character(*), intent(in) :: way, unit
-      real(wp), intent(in) :: most
+      real(wp), intent(in) :: numbers(:)     !! (process)
       character(:), allocatable :: text
 
-      text = 'about '//brief(most)//unit
+      text = ''
+      if (.not. any(are_meant)) return
+      text = 'about '//brief(maxval(numbers, are_meant))//unit
       if (count(are_meant) > 1) text = 'up to '//text
       text = labelled('exact law', numbers_text('p', are_meant, 'processes')//': '//way//text)
-   end function drawn
+   end function drawing_line
 
 end module config_process_summary

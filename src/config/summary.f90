@@ -1,4 +1,4 @@
-!> The text of `entroslip check`: what a scene will do, what it will not, and what that will cost.
+!> Text of `entroslip check`: the parts of a scene that a run computes, and their cost.
 module config_summary
    use campaign_plan, only: add_audits, integration_settings, plan_type, reference_for, &
                             repeats_samples
@@ -6,7 +6,7 @@ module config_summary
    use campaign_size, only: memory_of_rank, results_size
    use config_fingerprint, only: fingerprint
    use config_groups, only: scene_type
-   use config_process_summary, only: is_fitted_to_values, max_rows, process_table
+   use config_process_summary, only: is_fitted_by_simulation, max_rows, process_table
    use core_kinds, only: two_pi, wp
    use core_text, only: brief, counted, duration, joined, labelled, numbered, padded, size_text, &
                         to_text
@@ -21,31 +21,31 @@ module config_summary
 
 contains
 
-   !> Aligned and short; ends without a line feed.
-   function summary_text(scene, plan, nanoseconds, n_ranks, transitions, foreseen, &
+   !> Summary of a scene, without a final line feed.
+   function summary_text(scene, plan, nanoseconds, n_ranks, transitions, predicted, &
                          audit_nanoseconds, regression_seconds) result(text)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: nanoseconds   !! cost of a sample-step; 0: not known
+      real(wp), intent(in) :: nanoseconds   !! time per step of a sample; 0: not known
       integer, intent(in) :: n_ranks
-      real(wp), intent(in) :: transitions   !! transitions of a sample in a step
-      !> (process) whether it has a solution, as far as that is known before the fit, or why not
-      type(process_model_type), intent(in) :: foreseen(:)
-      real(wp), intent(in) :: audit_nanoseconds   !! of a sample-step that is repeated; 0: not known
-      real(wp), intent(in) :: regression_seconds  !! of a processor
+      real(wp), intent(in) :: transitions   !! transitions per step of a sample
+      !> (process) model as far as it is known before the fit: is_solved, reason, branch
+      type(process_model_type), intent(in) :: predicted(:)
+      real(wp), intent(in) :: audit_nanoseconds   !! the same of samples of the audit
+      real(wp), intent(in) :: regression_seconds  !! processor time of all regressions
       character(:), allocatable :: text
 
       text = labelled('scene', plan%title//', '//scene%path)// &
              labelled('fingerprint', fingerprint(scene))
       text = text//labelled('runs', joined(activities(plan, wanted=.true.)))
       text = text//labelled('does not run', joined(activities(plan, wanted=.false.)))
-      if (size(plan%processes) > 0) text = text//line_feed//process_table(plan, foreseen)
+      if (size(plan%processes) > 0) text = text//line_feed//process_table(plan, predicted)
       if (plan%has_structure) then
          text = text//line_feed//case_table(plan, scene%excitation%level_name())//line_feed// &
                 motion_text(plan)
          text = text//labelled('work', work_text(plan, n_ranks, nanoseconds)// &
                          trim(merge(', and the fits', '              ', &
-                                    any(is_fitted_to_values(plan%processes)))))
+                                    any(is_fitted_by_simulation(plan%processes)))))
          text = text//estimates_text(plan, regression_seconds, n_ranks)
          if (repeats_samples(plan)) &
             text = text//labelled('audit', audit_text(plan, n_ranks, audit_nanoseconds))
@@ -53,14 +53,14 @@ contains
       text = text//labelled('memory', 'about '// &
                             size_text(memory_of_rank(plan, transitions))//' a rank')// &
              labelled('results', 'up to '// &
-                      size_text(results_size(plan, transitions, foreseen)))
+                      size_text(results_size(plan, transitions, predicted)))
       if (size(scene%unused) > 0) &
          text = text//labelled('note', 'given and not used: '//joined(scene%unused))
       if (plan%has_structure) text = text//damping_note(scene%chain%damping_ratio)
       text = text(:len(text) - 1)
    end function summary_text
 
-   !> Note on a ratio that structures held by friction do not have: 1 % is often given as 1.
+   !> Note on an unusually large damping ratio: 1 % of critical is sometimes given as 1.
    pure function damping_note(damping_ratio) result(text)
       real(wp), intent(in) :: damping_ratio(:)
       character(:), allocatable :: text
@@ -72,22 +72,22 @@ contains
                          ' is above '//brief(unusual)//': 1 % of critical is 0.01')
    end function damping_note
 
-   !> Activities of the plan, or those that it leaves out.
+   !> Names of the parts that the plan computes, or of those that it does not.
    pure function activities(plan, wanted) result(names)
       type(plan_type), intent(in) :: plan
-      logical, intent(in) :: wanted
+      logical, intent(in) :: wanted   !! true: computed parts, false: the others
       character(40), allocatable :: names(:)
-      logical :: is_there(9)
+      logical :: is_computed(9)
       integer :: i, n_fits
-      logical, parameter :: is_of_motion(9) = [.false., .false., spread(.true., 1, 6), .false.]
+      logical, parameter :: needs_motion(9) = [.false., .false., spread(.true., 1, 6), .false.]
 
       n_fits = count(first_of_fit(plan%processes) == [(i, i=1, size(plan%processes))])
       associate (output => plan%output)
-         is_there = [size(plan%processes) > 0, size(plan%cases) > 0, &
-                     any(plan%cases%process > 0), &
-                     plan%has_structure .and. [output%spectrum, output%energy, output%history, &
-                                               output%transitions, repeats_samples(plan)], &
-                     plan%n_realizations > 0]
+         is_computed = [size(plan%processes) > 0, size(plan%cases) > 0, &
+                        any(plan%cases%process > 0), &
+                        plan%has_structure .and. [output%spectrum, output%energy, output%history, &
+                                                  output%transitions, repeats_samples(plan)], &
+                        plan%n_realizations > 0]
       end associate
       names = [character(40) :: 'processes', 'motion', 'samples with drawn friction', 'spectrum', &
                'energy', 'history', 'transitions', 'audit', 'realizations']
@@ -100,14 +100,14 @@ contains
          names(9) = counted(plan%n_realizations, 'realization', 'realizations')//' of '// &
                     counted(plan%n_points, 'point', 'points')
       end if
-      names = pack(names, (is_there .eqv. wanted) .and. &
-                   (plan%has_structure .or. .not. is_of_motion))
+      names = pack(names, (is_computed .eqv. wanted) .and. &
+                   (plan%has_structure .or. .not. needs_motion))
    end function activities
 
-   !> One row per process: its cases differ in the level of the force only.
+   !> Table of the cases, one row per process with all its force levels.
    function case_table(plan, level) result(text)
       type(plan_type), intent(in) :: plan
-      character(*), intent(in) :: level   !! what levels of the force are called
+      character(*), intent(in) :: level   !! name of the value that the force levels differ in
       character(:), allocatable :: text, numbers, name
       integer :: first, last, n_rows
 
@@ -136,7 +136,7 @@ contains
       end do
    end function case_table
 
-   !> Levels of the cases from first to last; of sines with the frequencies, which vary fastest.
+   !> Force levels of the cases from first to last; of sines the amplitudes and frequencies.
    pure function levels_text(plan, first, last) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: first, last
@@ -146,7 +146,7 @@ contains
 
       levels = plan%cases(first:last)%strength
       if (plan%excitation%kind == 'sine') then
-         n = count(abs(levels - levels(1)) <= 0.0_wp)   ! each amplitude at all frequencies
+         n = count(abs(levels - levels(1)) <= 0.0_wp)   ! frequencies; they vary fastest
          text = shortened(levels(::n))//', each at '// &
                 shortened(plan%cases(first:first + n - 1)%frequency)//' Hz'
       else
@@ -154,11 +154,11 @@ contains
       end if
    end function levels_text
 
-   !> A list of numbers, cut in the middle if it is long.
+   !> List of numbers; a long one is abbreviated by dots.
    pure function shortened(numbers) result(text)
       real(wp), intent(in) :: numbers(:)
       character(:), allocatable :: text
-      integer, parameter :: shown = 6
+      integer, parameter :: shown = 6   ! numbers before the dots
       integer :: i
 
       text = brief(numbers(1))
@@ -171,7 +171,7 @@ contains
       end do
    end function shortened
 
-   !> The force, without where it acts.
+   !> Kind and frequencies of the force.
    pure function force_text(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text
@@ -195,12 +195,12 @@ contains
       end associate
    end function force_text
 
-   !> Text on what noise loses at its highest frequency, being linear between its values: a density
-   !> becomes (sin(x)/x)^4 of it, x = pi f dt.
-   pure function chord_text(plan) result(text)
+   !> Text on the loss of density of noise at its highest frequency f: linear interpolation between
+   !> steps multiplies a density by (sin(x)/x)^4, x = pi f dt.
+   pure function interpolation_text(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text
-      real(wp), parameter :: mentioned = 0.01_wp   !! loss, at least
+      real(wp), parameter :: mentioned = 0.01_wp   !! smallest loss that is mentioned
       real(wp) :: highest, loss, x
 
       text = ''
@@ -217,45 +217,46 @@ contains
       if (loss > mentioned) text = '; linear between steps, which takes '// &
                                    brief(100.0_wp*loss)//' % of its density at '// &
                                    brief(highest)//' Hz'
-   end function chord_text
+   end function interpolation_text
 
+   !> Lines on the structure, the force, the integration and the spectra.
    function motion_text(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text, method, steps
-      real(wp), parameter :: fewest_steps = 10.0_wp   ! the period is wrong by (omega dt)^2/12: 3 %
-      real(wp) :: finest, span
+      !> Steps per period of the fastest mode: Newmark's period error (omega dt)^2/12 is 3 %.
+      real(wp), parameter :: fewest_steps = 10.0_wp
+      real(wp) :: span, steps_per_period
 
-      associate (chain => plan%structure, how => plan%integration, excitation => plan%excitation, &
-                 n => plan%structure%n_dof)
-         text = structure_text(chain)
+      associate (s => plan%integration)
+         text = structure_text(plan%structure)
          if (any(plan%cases%process == 0)) text = text//labelled('friction', friction_text(plan))
-         text = text//labelled('force', force_text(plan)//loaded_text(plan)//', one record for '// &
-                               trim(merge('each sample', 'all samples', excitation%per_sample))// &
-                               chord_text(plan))
-         method = 'event, tolerance '//brief(how%tolerance)
-         if (how%method == 'newmark') &
-            method = 'newmark, at most '//counted(how%max_halvings, 'halving', 'halvings')
-         span = how%n_steps*how%dt
-         steps = to_text(how%n_steps)//' steps of '//to_text(how%dt)//' s, '
-         if (span < 1.0_wp) then   ! no time of work, which would be "less than 1 s"
+         text = text//labelled('force', force_text(plan)//load_text(plan)//', one record for '// &
+                               trim(merge('each sample', 'all samples', &
+                                          plan%excitation%per_sample))//interpolation_text(plan))
+         method = 'event, tolerance '//brief(s%tolerance)
+         if (s%method == 'newmark') &
+            method = 'newmark, at most '//counted(s%max_halvings, 'halving', 'halvings')
+         span = s%n_steps*s%dt
+         steps = to_text(s%n_steps)//' steps of '//to_text(s%dt)//' s, '
+         if (span < 1.0_wp) then   ! `duration` gives "less than 1 s"
             steps = steps//brief(span)//' s'
          else
             steps = steps//duration(span)
          end if
-         if (how%n_discard > 0) steps = steps//', the first '//to_text(how%n_discard)//' discarded'
+         if (s%n_discard > 0) steps = steps//', the first '//to_text(s%n_discard)//' discarded'
          text = text//labelled('integration', method//', '//steps)
-         if (how%method == 'newmark') then   ! the exact march has no error of periods
-            finest = 1.0_wp/(chain%frequencies_stuck(n)*how%dt)
-            text = text//labelled('resolution', brief(finest)// &
+         if (s%method == 'newmark') then   ! the exact march has no period error
+            steps_per_period = 1.0_wp/(maxval(plan%structure%frequencies_stuck)*s%dt)
+            text = text//labelled('resolution', brief(steps_per_period)// &
                                   ' steps in a period of the fastest mode'// &
                                   trim(merge(': newmark distorts it', '                     ', &
-                                             finest < fewest_steps)))
+                                             steps_per_period < fewest_steps)))
          end if
          if (plan%output%spectrum) text = text//labelled('spectra', spectra_text(plan))
       end associate
    end function motion_text
 
-   !> Text on how spectra are estimated, and what of them is not kept.
+   !> Text on the Welch segments of the spectra, and whether those of the samples are kept.
    pure function spectra_text(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text
@@ -268,7 +269,7 @@ contains
                                             'can be added later'
    end function spectra_text
 
-   !> Sizes, mass, natural frequencies, and modes that move without force.
+   !> Lines on the structure: sizes, mass, natural frequencies and zero modes.
    pure function structure_text(structure) result(text)
       type(structure_type), intent(in) :: structure
       character(:), allocatable :: text
@@ -290,8 +291,8 @@ contains
                                'stuck: the structure moves there without force')
    end function structure_text
 
-   !> Text on where the force acts: on one dof, or by the load.
-   pure function loaded_text(plan) result(text)
+   !> Text on the dofs that the force acts on.
+   pure function load_text(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text
 
@@ -308,9 +309,9 @@ contains
             text = ' on '//counted(count(abs(load) > 0.0_wp), 'dof', 'dofs')
          end if
       end associate
-   end function loaded_text
+   end function load_text
 
-   !> Friction of the deterministic cases, and which value of the scene it is.
+   !> Text on the friction of the deterministic cases and the value of the scene it comes from.
    pure function friction_text(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text
@@ -324,10 +325,10 @@ contains
       end associate
    end function friction_text
 
-   !> Text on which samples serve one regression, and on their time; pools of one size are counted.
+   !> Text on the regressions: number of pools of each size, their samples and cases, and the time.
    pure function estimates_text(plan, seconds, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: seconds   !! of a processor, of all regressions
+      real(wp), intent(in) :: seconds   !! processor time of all regressions
       integer, intent(in) :: n_ranks
       character(:), allocatable :: text
       type(case_pool), allocatable :: pools(:)
@@ -357,6 +358,7 @@ contains
 
    contains
 
+      !> True for each pool of the given size.
       pure function is_alike(all_sizes, one)
          integer, intent(in) :: all_sizes(:, :), one(:)
          logical :: is_alike(size(all_sizes, 2))
@@ -366,11 +368,11 @@ contains
 
    end function estimates_text
 
-   !> Line on the samples that are repeated, and how.
+   !> Text on the samples that the audit repeats, and its method.
    pure function audit_text(plan, n_ranks, nanoseconds) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: n_ranks
-      real(wp), intent(in) :: nanoseconds   !! 0: not known
+      real(wp), intent(in) :: nanoseconds   !! time per step of a sample; 0: not known
       character(:), allocatable :: text
       type(plan_type) :: audited
       type(integration_settings) :: reference
@@ -384,11 +386,11 @@ contains
              work_text(audited, n_ranks, nanoseconds)
    end function audit_text
 
-   !> Work of the march of all samples, and its time where the cost of a sample-step is known.
+   !> Text on the number of steps of all samples, and their time if that is known.
    pure function work_text(plan, n_ranks, nanoseconds) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: n_ranks
-      real(wp), intent(in) :: nanoseconds   !! 0: not known
+      real(wp), intent(in) :: nanoseconds   !! time per step of a sample; 0: not known
       character(:), allocatable :: text
       real(wp) :: sample_steps
 
