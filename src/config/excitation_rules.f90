@@ -1,7 +1,8 @@
-!> Rules of &excitation: what each kind of force must have and must not have, and its files.
+!> Checks the rules of &excitation for each kind of force, and reads its files.
 module config_excitation_rules
    use config_force_file, only: check_force, force_label, read_force_text
    use config_groups, only: scene_type
+   use config_groups_motion, only: fewest_measured
    use config_text_reader, only: reader_type
    use core_kinds, only: long, wp
    use core_source, only: find_beside, is_hdf5_file
@@ -14,12 +15,11 @@ module config_excitation_rules
    public :: check_excitation
 
    character(*), parameter :: group = 'excitation'
-   real(wp), parameter :: steps_per_period = 20.0_wp   !! of a sine, at least
+   real(wp), parameter :: steps_per_period = 20.0_wp   !! smallest number for a sine
 
 contains
 
-   !> Checks the rules of &excitation, each with its own complaint, and finds the files of the
-   !> force.
+   !> Checks the rules of &excitation, and reads the file of the force or its spectrum.
    subroutine check_excitation(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
@@ -30,31 +30,31 @@ contains
          call reader%require(.not. (excitation%base .and. reader%was_given(group, 'dof')), group, &
                              'dof', 'must be absent with base = .true.: the ground moves')
          if (excitation%kind == '') return   ! it was refused
-         call check_presence(scene, reader)
+         call check_values_of_kind(scene, reader)
          select case (excitation%kind)
          case ('file')
-            if (excitation%file /= '') call check_force_file(scene, reader)
+            if (excitation%file /= '') call read_force_file(scene, reader)
          case ('sine')
             call check_sines(scene, reader)
          case ('psd')
-            if (excitation%psd /= '') call check_density(scene, reader)
+            if (excitation%psd /= '') call read_density(scene, reader)
          case default
             call check_band(scene, reader)
          end select
       end associate
    end subroutine check_excitation
 
-   !> Refuses a value that belongs to another kind of force, and misses one that belongs to this.
-   subroutine check_presence(scene, reader)
+   !> Checks that the values of the kind of force are given, and that those of other kinds are not.
+   subroutine check_values_of_kind(scene, reader)
       type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader
 
       associate (excitation => scene%excitation)
-         call settle('variance', 'band_limited', size(excitation%variance) > 0)
-         call settle('frequency', 'sine', size(excitation%frequency) > 0)
-         call settle('amplitude', 'sine', size(excitation%amplitude) > 0)
-         call settle('psd', 'psd', excitation%psd /= '')
-         call settle('file', 'file', excitation%file /= '')
+         call require_with_kind('variance', 'band_limited', size(excitation%variance) > 0)
+         call require_with_kind('frequency', 'sine', size(excitation%frequency) > 0)
+         call require_with_kind('amplitude', 'sine', size(excitation%amplitude) > 0)
+         call require_with_kind('psd', 'psd', excitation%psd /= '')
+         call require_with_kind('file', 'file', excitation%file /= '')
          call reader%require(all(abs(excitation%factor - 1.0_wp) <= 0.0_wp) .or. &
                              any(excitation%kind == [character(4) :: 'file', 'psd']), group, &
                              'factor', "must be absent with kind = '"//trim(excitation%kind)//"'")
@@ -62,20 +62,21 @@ contains
 
    contains
 
-      subroutine settle(name, kind, has_value)
+      !> Checks that a value is given if the force is of its kind, and only then.
+      subroutine require_with_kind(name, kind, has_value)
          character(*), intent(in) :: name, kind
          logical, intent(in) :: has_value
          logical :: belongs
 
          belongs = scene%excitation%kind == kind
-         call reader%require(has_value .or. .not. belongs, group, name, &
-                             "must be given with kind = '"//trim(scene%excitation%kind)//"'")
-         call reader%require(belongs .or. .not. has_value, group, name, &
-                             "must be absent with kind = '"//trim(scene%excitation%kind)//"'")
-      end subroutine settle
+         call reader%require(has_value .eqv. belongs, group, name, &
+                             'must be '//trim(merge('given ', 'absent', belongs))// &
+                             " with kind = '"//trim(scene%excitation%kind)//"'")
+      end subroutine require_with_kind
 
-   end subroutine check_presence
+   end subroutine check_values_of_kind
 
+   !> Checks the band of the noise against the sampling rate.
    subroutine check_band(scene, reader)
       type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader
@@ -94,39 +95,40 @@ contains
       end associate
    end subroutine check_band
 
-   !> Checks that a period has enough steps and the march enough periods to see whether they
-   !> repeat. Without a list of output%quantities leaves out spectra: a sine has none.
+   !> Checks that a period has enough steps, and the march enough periods to show whether they
+   !> repeat. Removes spectra from the default of output%quantities: a sine has none.
    subroutine check_sines(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
-      real(wp), parameter :: largest = 1.0e18_wp   ! steps that are told
-      real(wp) :: highest, least
+      real(wp), parameter :: largest = 1.0e18_wp   ! number of steps in a message
+      real(wp) :: highest, fewest_steps
 
       call reader%require(.not. scene%excitation%per_sample, group, 'per_sample', &
                           "must be .false. with kind = 'sine'")
       if (.not. reader%was_given('output', 'quantities')) &
          scene%output%quantities = pack(scene%output%quantities, &
                                         scene%output%quantities /= 'spectrum')
-      associate (frequency => scene%excitation%frequency, how => scene%integration)
-         if (size(frequency) == 0 .or. .not. how%dt > 0.0_wp .or. how%n_steps < 1) return
+      associate (frequency => scene%excitation%frequency, dt => scene%integration%dt, &
+                 n_steps => scene%integration%n_steps, n_discard => scene%integration%n_discard)
+         if (size(frequency) == 0 .or. .not. dt > 0.0_wp .or. n_steps < 1) return
          if (.not. all(frequency > 0.0_wp)) return
-         highest = 1.0_wp/(steps_per_period*how%dt)
+         highest = 1.0_wp/(steps_per_period*dt)
          call reader%require(all(frequency <= highest*(1.0_wp + epsilon(1.0_wp))), group, &
                              'frequency', 'must be at most '// &
                              rounded_text(highest, 6, down=.true.)// &
                              ' Hz: a period takes '//to_text(nint(steps_per_period))// &
                              ' steps of integration%dt or more')
-         least = 2.0_wp*periods_of_window/(minval(frequency)*how%dt)
-         call reader%require(how%n_steps - how%n_discard >= least + 64, 'integration', 'n_steps', &
-                             'must be at least '//to_text(how%n_discard + 64 + &
-                                                          ceiling(min(least, largest), long))// &
+         fewest_steps = 2.0_wp*periods_of_window/(minval(frequency)*dt) + fewest_measured
+         call reader%require(n_steps - n_discard >= fewest_steps, 'integration', 'n_steps', &
+                             'must be at least '// &
+                             to_text(n_discard + ceiling(min(fewest_steps, largest), long))// &
                              ': twice '//to_text(periods_of_window)//' periods of the lowest '// &
                              'frequency behind n_discard, to see whether they repeat')
       end associate
    end subroutine check_sines
 
-   !> Reads the density: rows of ascending frequencies and values that are not negative.
-   subroutine check_density(scene, reader)
+   !> Reads the spectrum of the force and checks its frequencies and densities.
+   subroutine read_density(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
       type(table_type) :: table
@@ -160,10 +162,10 @@ contains
          call reader%complaints%add_general(path//': '//narrow_rule(scene%integration%dt))
       scene%density = table%value
       scene%force_label = force_label(scene%density)
-   end subroutine check_density
+   end subroutine read_density
 
-   !> Finds the force file. A text is read here and now; whoever can read HDF5 reads such a file.
-   subroutine check_force_file(scene, reader)
+   !> Finds the force file, and reads and checks it if it is a text. The driver reads HDF5 files.
+   subroutine read_force_file(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
       integer :: n_before
@@ -185,6 +187,6 @@ contains
                        scene%n_forces(), 0, reader%complaints)
       scene%n_force_values = size(scene%force, 1)
       scene%force_label = force_label(scene%force)
-   end subroutine check_force_file
+   end subroutine read_force_file
 
 end module config_excitation_rules

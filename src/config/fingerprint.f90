@@ -1,4 +1,5 @@
-!> Fingerprint of a scene: hash of the values that change a sample; it names shards and results.
+!> Fingerprint of a scene: hash of all values that can change a sample. It identifies shards and
+!> results.
 module config_fingerprint
    use config_groups, only: group_names, scene_type
    use config_text_value_table, only: lister_type
@@ -11,7 +12,7 @@ module config_fingerprint
 
 contains
 
-   !> 16 hexadecimal digits of the hash of the canonical text.
+   !> Hash of the canonical text, 16 hexadecimal digits.
    function fingerprint(scene) result(text)
       type(scene_type), intent(in) :: scene
       character(16) :: text
@@ -19,9 +20,9 @@ contains
       write (text, '(z16.16)') label_of(canonical_text(scene))
    end function fingerprint
 
-   !> A line `name = value` for each value in use, in the order of the tables; names are those of
-   !> --set. The same however the scene is laid out; without titles, numbers of samples, time limits
-   !> and what else leaves every sample as it is.
+   !> List of the values in use, one line `group%name = value` each, in the order of the tables. It
+   !> does not depend on the layout of the scene, and omits values that cannot change a sample, such
+   !> as the title, the number of samples and the time limit.
    function canonical_text(scene) result(text)
       type(scene_type), intent(in) :: scene
       character(:), allocatable :: text
@@ -39,7 +40,7 @@ contains
             call copy%visit(trim(group_names(i)), number, lister)
             do j = 1, size(lister%rows)
                associate (row => lister%rows(j))
-                  if (.not. (row%entry%shapes_samples .and. row%entry%is_used)) cycle
+                  if (.not. (row%entry%in_fingerprint .and. row%entry%is_used)) cycle
                   if (row%entry%name == 'friction' .and. .not. scene%runs_deterministic()) cycle
                   text = text//trim(group_names(i))
                   if (number > 1) text = text//'('//to_text(number)//')'
@@ -57,14 +58,14 @@ contains
                    to_text(scene%structure%joint_friction(i))//new_line('a')
          end do
       end if
-      if (scene%moves() .and. any(scene%excitation%kind == [character(4) :: 'file', 'psd'])) &
+      if (scene%has_motion() .and. any(scene%excitation%kind == [character(4) :: 'file', 'psd'])) &
          text = text//'hash of the force file = '//to_text(scene%force_label)//new_line('a')
       if (allocated(scene%values)) &
          text = text//'hash of process%values = '//to_text(scene%values_label)//new_line('a')
 
    contains
 
-      !> True if a group can change a sample; without a structure, groups about motion cannot.
+      !> True if a group can change a sample; without a structure the groups of motion cannot.
       pure logical function takes_part(group)
          character(*), intent(in) :: group
 
@@ -76,7 +77,7 @@ contains
          case ('structure')
             takes_part = scene%has_structure
          case default
-            takes_part = scene%moves()
+            takes_part = scene%has_motion()
          end select
       end function takes_part
 

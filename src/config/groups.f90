@@ -1,4 +1,4 @@
-!> All groups of a scene together, and what follows from which of them are there.
+!> All groups of a scene, and which parts of the program they ask for.
 module config_groups
    use campaign_plan, only: accuracy_settings, integration_settings
    use config_groups_motion, only: chain_group, excitation_group, structure_group, visit_chain, &
@@ -13,7 +13,7 @@ module config_groups
    private
    public :: group_docs, group_names, scene_type
 
-   !> Groups of a scene, and the subject of each.
+   !> Names of the groups, and the subject of each.
    character(*), parameter :: &
       group_names(*) = [character(12) :: 'scene', 'process', 'structure', 'chain', 'excitation', &
                                          'integration', 'campaign', 'accuracy', 'output'], &
@@ -24,13 +24,13 @@ module config_groups
                       'the forces on the chain or structure', &
                       'method and steps of the march through time', &
                       'number of samples, estimator, time limit', &
-                      'wanted errors, and the audit of the numerical error', &
+                      'target accuracy, and the audit of the numerical error', &
                       'results to keep; others are not computed']
 
-   !> A group that is absent has its defaults here.
+   !> A scene: its groups, absent ones with their defaults, and the data of the files it names.
    type :: scene_type
       character(:), allocatable :: path
-      character(:), allocatable :: text            !! the file's, then the --set options as comments
+      character(:), allocatable :: text            !! text of the file and of the --set options
       type(heading_group) :: heading
       type(process_group), allocatable :: processes(:)   !! (group), in file order
       type(structure_group) :: structure_files
@@ -41,22 +41,22 @@ module config_groups
       type(accuracy_settings) :: accuracy
       type(output_group) :: output
       logical :: has_structure = .false., has_chain = .false., has_excitation = .false.
-      logical :: has_unknown_group = .false.       !! one of the others may be meant
-      logical :: friction_is_mean = .false.        !! deterministic cases take process%mean
-      type(structure_type) :: structure            !! that of &structure
-      integer(long) :: structure_label = 0         !! fingerprint of what its files hold
-      character(:), allocatable :: force_path      !! where excitation%file was found
-      logical :: force_is_hdf5 = .false.           !! then who reads HDF5 sets what follows
-      real(wp), allocatable :: force(:, :)         !! (0:n_steps, record) [N] of the force file
-      real(wp), allocatable :: values(:, :)        !! (point, sample) of process%values
-      integer(long) :: values_label = 0            !! fingerprint of them
-      integer :: n_force_values = 0                !! of a record of the force file
-      real(wp), allocatable :: density(:, :)       !! (Hz and N^2/Hz, row) of excitation%psd
-      integer(long) :: force_label = 0             !! fingerprint of the values of either
-      character(80), allocatable :: unused(:)      !! group%name of what is given and has no effect
+      logical :: has_unknown_group = .false.       !! true if a group has an unknown name
+      logical :: friction_is_mean = .false.        !! true if deterministic cases use process%mean
+      type(structure_type) :: structure            !! structure of &structure
+      integer(long) :: structure_label = 0         !! hash of the data in its files
+      character(:), allocatable :: force_path      !! path at which excitation%file was found
+      logical :: force_is_hdf5 = .false.           !! true if the caller must read the force file
+      real(wp), allocatable :: force(:, :)         !! (0:n_steps, record) force file [N]
+      integer :: n_force_values = 0                !! size of a record of the force file
+      real(wp), allocatable :: density(:, :)       !! (Hz and N^2/Hz, row) excitation%psd
+      integer(long) :: force_label = 0             !! hash of `force` or `density`
+      real(wp), allocatable :: values(:, :)        !! (point, sample) process%values
+      integer(long) :: values_label = 0            !! hash of `values`
+      character(80), allocatable :: unused(:)      !! group%name of values that have no effect
    contains
       procedure :: visit
-      procedure :: moves
+      procedure :: has_motion
       procedure :: n_dof
       procedure :: n_forces
       procedure :: runs_deterministic
@@ -65,11 +65,11 @@ module config_groups
 
 contains
 
-   !> Shows a visitor the table of one group.
+   !> Visits the table of one group.
    subroutine visit(self, group, number, visitor)
       class(scene_type), intent(inout) :: self
       character(*), intent(in) :: group
-      integer, intent(in) :: number   !! which &process
+      integer, intent(in) :: number   !! number of the &process; else unused
       class(visitor_type), intent(inout) :: visitor
 
       select case (group)
@@ -96,36 +96,37 @@ contains
       end select
    end subroutine visit
 
-   !> True if there are deterministic cases, of one given friction.
+   !> True if the scene has deterministic cases.
    pure logical function runs_deterministic(self)
       class(scene_type), intent(in) :: self
 
-      runs_deterministic = self%moves() .and. &
+      runs_deterministic = self%has_motion() .and. &
                            (self%campaign%deterministic .or. .not. self%runs_samples())
    end function runs_deterministic
 
-   !> True if there are cases with drawn friction.
+   !> True if the scene has cases with random friction.
    pure logical function runs_samples(self)
       class(scene_type), intent(in) :: self
 
-      runs_samples = self%moves() .and. size(self%processes) > 0 .and. self%campaign%n_samples > 0
+      runs_samples = self%has_motion() .and. size(self%processes) > 0 .and. &
+                     self%campaign%n_samples > 0
    end function runs_samples
 
-   !> True if there is a structure to be marched.
-   pure logical function moves(self)
+   !> True if the scene has a structure, from files or as a chain.
+   pure logical function has_motion(self)
       class(scene_type), intent(in) :: self
 
-      moves = self%has_structure .or. self%has_chain
-   end function moves
+      has_motion = self%has_structure .or. self%has_chain
+   end function has_motion
 
-   !> Degrees of freedom; 0 while they are not known.
+   !> Number of degrees of freedom; 0 if it is not known yet.
    pure integer function n_dof(self)
       class(scene_type), intent(in) :: self
 
       n_dof = merge(self%structure%n_dof, self%chain%n_dof, self%has_structure)
    end function n_dof
 
-   !> Forces on the structure; 0 while they are not known.
+   !> Number of forces on the structure; 0 if it is not known yet.
    pure integer function n_forces(self)
       class(scene_type), intent(in) :: self
 

@@ -1,4 +1,4 @@
-!> Plan of a scene: processes to fit, cases in the order of their numbers.
+!> Makes the plan of a scene: processes to fit, structure, cases, and settings of the march.
 module config_plan
    use campaign_plan, only: case_type, plan_type
    use config_groups, only: scene_type
@@ -20,8 +20,7 @@ module config_plan
 
 contains
 
-   !> Expands a scene that nothing was complained of.
-   !> With an HDF5 force file, scene%n_force_values is set before.
+   !> Makes the plan of a scene without complaints. An HDF5 force file must have been read before.
    subroutine build_plan(scene, plan, complaints)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(out) :: plan
@@ -43,8 +42,8 @@ contains
       plan%estimator = scene%campaign%estimator
       plan%walltime = scene%campaign%walltime
       plan%accuracy = scene%accuracy
-      plan%has_structure = scene%moves()
-      if (.not. scene%moves()) return
+      plan%has_structure = scene%has_motion()
+      if (.not. scene%has_motion()) return
       if (scene%has_structure) then
          plan%structure = scene%structure
          plan%friction = plan%structure%joint_friction
@@ -55,17 +54,17 @@ contains
       end if
       if (size(scene%processes) > 0) plan%n_points = plan%structure%n_points
       if (allocated(scene%values)) plan%values = scene%values
-      if (scene%excitation%base) call load_by_ground(scene, plan%structure)
+      if (scene%excitation%base) call set_ground_load(scene, plan%structure)
       call plan_march(scene, plan)
       call plan_cases(scene, plan)
       call check_march(scene, plan, complaints)
    end subroutine build_plan
 
-   !> Appends the processes of a group: correlation_length slowest, then order, then std.
+   !> Appends the processes of a group; std varies fastest, then order, then correlation_length.
    pure subroutine expand_process(group, processes)
       type(process_group), intent(in) :: group
       type(process_request), allocatable, intent(inout) :: processes(:)
-      type(process_request) :: process, reference
+      type(process_request) :: process, appended
       integer, allocatable :: orders(:)
       integer :: i, j, k
 
@@ -83,17 +82,18 @@ contains
             process%order = orders(j)
             do k = 1, size(group%stds)
                process%std = group%stds(k)
-               reference = process
-               if (is_reference(reference)) then   ! has neither order nor sampler
-                  reference%order = 1
-                  reference%sampler = 'sequential'
+               appended = process
+               if (is_reference(appended)) then   ! has neither order nor sampler
+                  appended%order = 1
+                  appended%sampler = 'sequential'
                end if
-               processes = [processes, reference]
+               processes = [processes, appended]
             end do
          end do
       end do
    end subroutine expand_process
 
+   !> Builds the structure of &chain, and the friction of its deterministic cases.
    subroutine plan_chain(scene, plan, complaints)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(inout) :: plan
@@ -105,7 +105,7 @@ contains
                           per_dof(chain%contact_stiffness), per_dof(chain%normal_load), &
                           per_dof(chain%damping_ratio), plan%structure, error)
          if (allocated(error)) call complaints%add_general(scene%path//': '//error%message)
-         plan%friction = per_dof([0.0_wp])   ! no case has it
+         plan%friction = per_dof([0.0_wp])   ! unused without deterministic cases
          if (scene%runs_deterministic()) plan%friction = per_dof(chain%friction)
          plan%friction_from = trim(merge('process%mean  ', 'chain%friction', &
                                          scene%friction_is_mean))
@@ -116,8 +116,9 @@ contains
 
    contains
 
+      !> Value for each dof.
       pure function per_dof(values) result(all_values)
-         real(wp), intent(in) :: values(:)   !! one, or one per dof
+         real(wp), intent(in) :: values(:)   !! one for all dofs, or one per dof
          real(wp) :: all_values(scene%chain%n_dof)
 
          if (size(values) == 1) then
@@ -129,21 +130,20 @@ contains
 
    end subroutine plan_chain
 
-   !> Sets the load of a ground acceleration, b = -M r. r is the motion of the dofs when the ground
-   !> moves by one: structure%load, else 1 at every dof.
-   pure subroutine load_by_ground(scene, structure)
+   !> Sets the load of a ground acceleration, b = -M r. The influence vector r is structure%load if
+   !> that is given, else 1 at every dof.
+   pure subroutine set_ground_load(scene, structure)
       type(scene_type), intent(in) :: scene
       type(structure_type), intent(inout) :: structure
 
-      if (scene%has_structure) then
-         if (scene%structure_files%load /= '') then
-            structure%load = -matmul(structure%mass, structure%load)
-            return
-         end if
+      if (scene%structure_files%load /= '') then
+         structure%load = -matmul(structure%mass, structure%load)
+      else
+         structure%load = reshape(-sum(structure%mass, 2), [structure%n_dof, 1])
       end if
-      structure%load = reshape(-sum(structure%mass, 2), [structure%n_dof, 1])
-   end subroutine load_by_ground
+   end subroutine set_ground_load
 
+   !> Sets excitation, integration and output of the plan.
    pure subroutine plan_march(scene, plan)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(inout) :: plan
@@ -172,29 +172,30 @@ contains
       end associate
    end subroutine plan_march
 
-   !> Checks the values that need the structure and the force file.
+   !> Checks the integration settings, given the structure and the length of the force file.
    subroutine check_march(scene, plan, complaints)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
       type(complaint_list), intent(inout) :: complaints
       type(error_type), allocatable :: error
 
-      associate (how => plan%integration)
-         if (how%n_discard > 0 .and. how%n_discard > how%n_steps - fewest_measured) &
+      associate (s => plan%integration)
+         if (s%n_discard > 0 .and. s%n_discard > s%n_steps - fewest_measured) &
             call complaints%add_general( &
-            scene%path//': integration%n_discard = '//to_text(how%n_discard)//': must leave '// &
-            to_text(fewest_measured)//' steps or more of the '//to_text(how%n_steps))
+            scene%path//': integration%n_discard = '//to_text(s%n_discard)//': must leave '// &
+            to_text(fewest_measured)//' steps or more of the '//to_text(s%n_steps))
          if (complaints%n > 0) return
-         if (how%method == 'newmark') then
-            call check_newmark(plan%structure, how%dt, how%max_halvings, how%beta, how%gamma, error)
+         if (s%method == 'newmark') then
+            call check_newmark(plan%structure, s%dt, s%max_halvings, s%beta, s%gamma, error)
          else
-            call check_exact(plan%structure, how%dt, how%tolerance, error)
+            call check_exact(plan%structure, s%dt, s%tolerance, error)
          end if
          if (allocated(error)) call complaints%add_general(scene%path//': '//error%message)
       end associate
    end subroutine check_march
 
-   !> Lists the cases: deterministic ones first, then process by process, force levels fastest.
+   !> Lists the cases: deterministic ones first, then those of each process; the force level varies
+   !> fastest.
    pure subroutine plan_cases(scene, plan)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(inout) :: plan
@@ -211,7 +212,7 @@ contains
       end do
    end subroutine plan_cases
 
-   !> A case of one sample for each level of the force; of sines, frequency fastest.
+   !> One case of one sample for each force level; for sines the frequency varies fastest.
    pure function levels_of(scene) result(levels)
       type(scene_type), intent(in) :: scene
       type(case_type), allocatable :: levels(:)
@@ -233,7 +234,7 @@ contains
       end associate
    end function levels_of
 
-   !> Name of a scene: that of its file, without folder and ending.
+   !> Name of a scene: the name of its file without folder and extension.
    pure function scene_name(path) result(name)
       character(*), intent(in) :: path
       character(:), allocatable :: name

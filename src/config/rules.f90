@@ -1,4 +1,4 @@
-!> Rules between the values of a scene. What one value must keep alone stands in its group's table.
+!> Checks the rules between values of a scene. The tables of the groups have those of single values.
 module config_rules
    use config_excitation_rules, only: check_excitation
    use config_groups, only: scene_type
@@ -12,19 +12,19 @@ module config_rules
    private
    public :: check_rules
 
-   integer, parameter :: max_cases = 10000          !! processes, and cases, of one scene
-   integer, parameter :: max_samples = 1000000000   !! of all cases; with audits they can be counted
+   integer, parameter :: max_cases = 10000          !! largest number of cases of a scene
+   !> Largest number of samples of all cases: with their audits they fit into an integer.
+   integer, parameter :: max_samples = 1000000000
 
 contains
 
-   !> Checks the rules between the values of a scene, each with its own complaint; finds the files
-   !> of the force.
+   !> Checks all rules between values, and reads the files that the scene names.
    subroutine check_rules(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
       integer :: i
 
-      if (.not. (scene%moves() .or. size(scene%processes) > 0 .or. scene%has_unknown_group)) &
+      if (.not. (scene%has_motion() .or. size(scene%processes) > 0 .or. scene%has_unknown_group)) &
          call reader%complaints%add_general(scene%path// &
                                             ': must have &process, &chain or &structure')
       do i = 1, size(scene%processes)
@@ -33,17 +33,18 @@ contains
       call check_realizations(scene, reader)
       if (scene%has_structure) call check_structure(scene, reader)
       call check_values(scene, reader)
-      if (.not. scene%moves()) return
+      if (.not. scene%has_motion()) return
       if (.not. (scene%has_structure .or. scene%has_unknown_group)) &
          call reader%require(scene%has_excitation, 'chain', 'n_dof', '&chain needs &excitation', &
                              to_text(scene%chain%n_dof))
       if (scene%has_excitation) call check_excitation(scene, reader)
-      call find_friction(scene, reader)
+      call set_deterministic_friction(scene, reader)
       call check_steps(scene, reader)
       call check_statistics(scene, reader)
       call check_number_of_cases(scene, reader)
    end subroutine check_rules
 
+   !> Checks the rules of the i-th &process.
    subroutine check_process(scene, i, reader)
       type(scene_type), intent(in) :: scene
       integer, intent(in) :: i
@@ -102,7 +103,7 @@ contains
          call reader%require(condition, 'process', name, rule, number=i)
       end subroutine require
 
-      !> Requires one bound, or a lower and an upper one.
+      !> Checks that a bound is one value, or a lower and an upper one.
       subroutine require_range(bound, name)
          real(wp), intent(in) :: bound(:)
          character(*), intent(in) :: name
@@ -115,19 +116,19 @@ contains
 
    end subroutine check_process
 
-   !> Checks that all &process agree on n_points and n_realizations, of which the results have one
-   !> each; gives the values of one group to those that do not have them.
+   !> Checks the number of points and realizations, which must be the same in all &process.
    subroutine check_realizations(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
 
       call check_same('n_points', scene%processes%n_points, reader)
       call check_same('n_realizations', scene%processes%n_realizations, reader)
-      if (.not. scene%output%keeps('realizations')) return
-      call reader%require(any(scene%processes%n_realizations > 0), 'output', 'quantities', &
+      call reader%require(any(scene%processes%n_realizations > 0) .or. &
+                          .not. scene%output%keeps('realizations'), 'output', 'quantities', &
                           "'realizations' needs process%n_realizations")
    end subroutine check_realizations
 
+   !> Checks that a value is the same in every &process that gives it; sets it in the others.
    subroutine check_same(name, values, reader)
       character(*), intent(in) :: name
       integer, intent(inout) :: values(:)   !! (&process)
@@ -146,9 +147,9 @@ contains
       where (.not. is_given) values = values(first)
    end subroutine check_same
 
-   !> Sets the friction of deterministic cases: chain%friction, else the mean that all processes
-   !> share.
-   subroutine find_friction(scene, reader)
+   !> Sets the friction of the deterministic cases of a chain, if it is not given, to the mean that
+   !> all processes share.
+   subroutine set_deterministic_friction(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
 
@@ -164,8 +165,9 @@ contains
          scene%chain%friction = means(:1)
          scene%friction_is_mean = .true.
       end associate
-   end subroutine find_friction
+   end subroutine set_deterministic_friction
 
+   !> Checks the number of steps of the march and of the spectra.
    subroutine check_steps(scene, reader)
       type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader
@@ -190,6 +192,7 @@ contains
       end associate
    end subroutine check_steps
 
+   !> Checks dofs, percentiles and targets of the statistics over samples.
    subroutine check_statistics(scene, reader)
       type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader
@@ -220,18 +223,13 @@ contains
       end associate
    end subroutine check_statistics
 
-   !> Checks how many cases and samples all lists together make.
+   !> Checks the number of cases and samples that the lists of the scene make.
    subroutine check_number_of_cases(scene, reader)
       type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader
       integer(long) :: n
-      integer :: i
 
-      n = 1
-      do i = 1, size(scene%processes)
-         n = n + n_processes(scene%processes(i))
-      end do
-      n = n*scene%excitation%n_levels()
+      n = (1 + sum(n_processes(scene%processes)))*scene%excitation%n_levels()
       call reader%require(n <= max_cases, 'excitation', scene%excitation%level_name(), &
                           'the scene makes '//to_text(n)//' cases: must be at most '// &
                           to_text(max_cases))
@@ -241,8 +239,8 @@ contains
                           to_text(n)//' samples: must be at most '//to_text(max_samples))
    end subroutine check_number_of_cases
 
-   !> Combinations that a group asks for.
-   pure integer(long) function n_processes(process)
+   !> Number of processes that a group asks for: combinations of length, order and std.
+   elemental integer(long) function n_processes(process)
       type(process_group), intent(in) :: process
 
       n_processes = size(process%lengths, kind=long)*size(process%stds)

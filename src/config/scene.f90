@@ -1,4 +1,4 @@
-!> Reads a scene: the scene file and the --set options become checked groups, or complaints.
+!> Reads a scene file and the --set options into groups, and checks their values.
 module config_scene
    use config_groups, only: group_names, scene_type
    use config_rules, only: check_rules
@@ -12,14 +12,14 @@ module config_scene
    private
    public :: complaint_list, override_text, parse_scene, read_scene, scene_type
 
-   integer, parameter :: most_bytes = 16*1024**2   !! whoever exceeds it did not mean a scene
+   integer, parameter :: most_bytes = 16*1024**2   !! largest size of a scene file
 
 contains
 
-   !> Reads and checks a scene file. The scene is of use when complaints%n is 0.
+   !> Reads and checks a scene file. The scene is valid if complaints%n is 0.
    subroutine read_scene(path, overrides, scene, complaints)
       character(*), intent(in) :: path
-      character(*), intent(in) :: overrides(:)   !! `group%name=value`, as --set has them
+      character(*), intent(in) :: overrides(:)   !! --set options, `group%name=value`
       type(scene_type), intent(out) :: scene
       type(complaint_list), intent(out) :: complaints
       type(source_type) :: source
@@ -33,9 +33,9 @@ contains
       end if
    end subroutine read_scene
 
-   !> Parses and checks the text of a scene; source%name is the path in complaints.
+   !> Parses and checks the text of a scene.
    subroutine parse_scene(source, overrides, scene, complaints)
-      type(source_type), intent(in) :: source
+      type(source_type), intent(in) :: source    !! its name is the path of the scene
       character(*), intent(in) :: overrides(:)
       type(scene_type), intent(out) :: scene
       type(complaint_list), intent(out) :: complaints
@@ -50,7 +50,7 @@ contains
       complaints = reader%complaints
    end subroutine parse_scene
 
-   !> The text with the options as comments behind it: what was run can be read from it.
+   !> Text of the scene with the options as comments at its end, for the results.
    pure function with_options(text, overrides) result(all_text)
       character(*), intent(in) :: text
       character(*), intent(in) :: overrides(:)
@@ -66,43 +66,41 @@ contains
       end do
    end function with_options
 
-   !> Complains of groups that are unknown, and of those that are there twice.
+   !> Complains of unknown groups, and of repeated groups other than &process.
    subroutine check_groups(reader, has_unknown)
       type(reader_type), intent(inout) :: reader
-      logical, intent(out) :: has_unknown   !! a group that may be meant for another
+      logical, intent(out) :: has_unknown   !! true if there is an unknown group
       character(:), allocatable :: rule
       character(len(group_names)) :: nearest
       integer :: i, first
 
       has_unknown = .false.
-      do i = 1, size(reader%blocks)
-         associate (block => reader%blocks(i))
-            first = reader%find_block(block%name)
-            if (all(group_names /= block%name)) then
+      do i = 1, size(reader%groups)
+         associate (group => reader%groups(i))
+            first = reader%find_group(group%name)
+            if (all(group_names /= group%name)) then
                has_unknown = .true.
                rule = 'unknown group'
-               nearest = nearest_name(trim(block%name), group_names)
+               nearest = nearest_name(trim(group%name), group_names)
                if (nearest /= '') rule = rule//', did you mean &'//trim(nearest)//'?'
-            else if (first < i .and. block%name /= 'process') then
+            else if (first < i .and. group%name /= 'process') then
                rule = 'the group is there twice, first on line '// &
-                      to_text(reader%blocks(first)%place%line)
+                      to_text(reader%groups(first)%place%line)
             else
                cycle
             end if
-            call reader%complain(block%place, rule, '&'//trim(block%name))
+            call reader%complain(group%place, rule, '&'//trim(group%name))
          end associate
       end do
    end subroutine check_groups
 
-   !> Visits every group's table; an absent group has its defaults then.
+   !> Reads all groups; absent ones get their defaults.
    subroutine read_groups(reader, scene)
       type(reader_type), intent(inout) :: reader
       type(scene_type), intent(inout) :: scene
       integer :: i, number, n_processes
 
-      associate (blocks => reader%blocks)
-         n_processes = count([(blocks(i)%name == 'process', i=1, size(blocks))])
-      end associate
+      n_processes = count(reader%groups%name == 'process')
       allocate (scene%processes(n_processes))
       call count_masses(reader, scene)
       do i = 1, size(group_names)
@@ -122,12 +120,12 @@ contains
       pure logical function is_there(group)
          character(*), intent(in) :: group
 
-         is_there = reader%find_block(group) > 0
+         is_there = reader%find_group(group) > 0
       end function is_there
 
    end subroutine read_groups
 
-   !> Sets chain%n_dof, where it is not given, to the length of the longest list of &chain.
+   !> Sets chain%n_dof, if it is not given, to the length of the longest list in &chain.
    pure subroutine count_masses(reader, scene)
       type(reader_type), intent(in) :: reader
       type(scene_type), intent(inout) :: scene
@@ -138,24 +136,24 @@ contains
       if (n > 1) scene%chain%n_dof = min(n, most_dofs)
    end subroutine count_masses
 
-   !> Notes values that are given and have no effect beside the others.
+   !> Lists the values that are given and have no effect.
    subroutine note_unused(reader, scene)
       type(reader_type), intent(in) :: reader
       type(scene_type), intent(inout) :: scene
-      character(*), parameter :: of_motion(*) = &
+      character(*), parameter :: motion_groups(*) = &
                               [character(12) :: 'excitation', 'integration', 'campaign', 'accuracy']
       integer :: i
 
       scene%unused = reader%unused
-      if (scene%moves()) then
+      if (scene%has_motion()) then
          if (reader%was_given('chain', 'friction') .and. .not. scene%runs_deterministic()) &
             call note('chain%friction')
          if (any([(reader%was_given('process', 'n_points', i), i=1, size(scene%processes))])) &
             call note('process%n_points')
          return
       end if
-      do i = 1, size(of_motion)
-         if (reader%find_block(trim(of_motion(i))) > 0) call note('&'//of_motion(i))
+      do i = 1, size(motion_groups)
+         if (reader%find_group(trim(motion_groups(i))) > 0) call note('&'//motion_groups(i))
       end do
 
    contains

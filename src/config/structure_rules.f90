@@ -1,4 +1,4 @@
-!> Files of &structure, and of the friction values that a &process is given: found, read, checked.
+!> Reads and checks the files of &structure, and the file of friction values of a &process.
 module config_structure_rules
    use config_force_file, only: force_label
    use config_groups, only: scene_type
@@ -15,15 +15,15 @@ module config_structure_rules
    public :: check_structure, check_values
 
    character(*), parameter :: group = 'structure'
-   !> Values of &process that describe a law, which given values have not.
-   character(*), parameter :: of_law(*) = [character(18) :: 'method', 'correlation', &
-                                           'correlation_length', 'order', 'mean', 'std', &
-                                           'n_realizations']
+   !> Names of &process that describe a law, which a process of given values does not have.
+   character(*), parameter :: law_names(*) = [character(18) :: 'method', 'correlation', &
+                                              'correlation_length', 'order', 'mean', 'std', &
+                                              'n_realizations']
 
 contains
 
-   !> Checks the rules of &structure, each with its own complaint, and builds scene%structure; it
-   !> is of use only without complaints.
+   !> Checks the rules of &structure and reads its files into scene%structure, which is valid only
+   !> without complaints.
    subroutine check_structure(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
@@ -56,8 +56,8 @@ contains
 
    contains
 
-      !> Finds the path of a file of the structure; '' where it is not given. Complains of one that
-      !> is required or does not exist.
+      !> Finds the path of a file of the structure, '' if it is not given. Complains of a file that
+      !> is required and not given, or that does not exist.
       subroutine find(name, file, is_required, path)
          character(*), intent(in) :: name, file
          logical, intent(in) :: is_required
@@ -74,8 +74,8 @@ contains
 
    end subroutine check_structure
 
-   !> Checks that at most one kind of damping is given. An empty name and zeros, as in the template,
-   !> give none.
+   !> Checks that at most one kind of damping is given. An empty file name and zeros, which the
+   !> template has, count as not given.
    subroutine check_damping(scene, reader)
       type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader
@@ -92,10 +92,10 @@ contains
       end if
    end subroutine check_damping
 
-   !> Fingerprint of all in files that changes a sample with drawn friction.
+   !> Hash of all data of the files that can change a sample with random friction.
    pure function label_of_structure(structure, has_damping) result(label)
       type(structure_type), intent(in) :: structure
-      logical, intent(in) :: has_damping   !! C comes from a file
+      logical, intent(in) :: has_damping   !! true if C is from a file
       integer(long) :: label
 
       label = label_of('structure')
@@ -109,7 +109,7 @@ contains
 
    contains
 
-      !> Adds rows, columns and values of the nonzero entries.
+      !> Adds rows, columns and values of the nonzero entries of a matrix.
       pure subroutine add(matrix)
          real(wp), intent(in) :: matrix(:, :)
          integer :: i, j
@@ -125,7 +125,7 @@ contains
 
    end function label_of_structure
 
-   !> Reads the samples of the one &process that has them; their number is that of the campaign.
+   !> Reads process%values, which one &process may have.
    subroutine check_values(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
@@ -133,22 +133,24 @@ contains
 
       do i = 1, size(scene%processes)
          if (scene%processes(i)%values == '') cycle
-         call reader%require(scene%moves(), 'process', 'values', 'needs &chain or &structure', &
-                             number=i)
+         call reader%require(scene%has_motion(), 'process', 'values', &
+                             'needs &chain or &structure', number=i)
          call reader%require(.not. allocated(scene%values), 'process', 'values', &
                              'must stand in one &process alone', number=i)
-         do j = 1, size(of_law)
-            call reader%require(.not. reader%was_given('process', trim(of_law(j)), i), 'process', &
-                                trim(of_law(j)), 'must be absent with values', number=i)
+         do j = 1, size(law_names)
+            call reader%require(.not. reader%was_given('process', trim(law_names(j)), i), &
+                                'process', trim(law_names(j)), 'must be absent with values', &
+                                number=i)
          end do
-         if (scene%moves() .and. .not. allocated(scene%values)) call read_values(i, scene, reader)
+         if (scene%has_motion() .and. .not. allocated(scene%values)) &
+            call read_values(i, scene, reader)
       end do
    end subroutine check_values
 
-   !> Reads the friction samples of process%values, one line a sample and one value a point. Sets
-   !> the process's mean and std to those of all values.
+   !> Reads the friction values of a file, one line per sample and one value per point. Sets mean
+   !> and std of the process to those of all values, and the default of campaign%n_samples.
    subroutine read_values(number, scene, reader)
-      integer, intent(in) :: number   !! of the &process
+      integer, intent(in) :: number   !! number of the &process
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
       type(table_type) :: table

@@ -1,4 +1,4 @@
-!> Text made of the tables: a complete commented scene, and the scene reference.
+!> Texts made from the tables of the groups: a complete commented scene, and the scene reference.
 module config_template
    use config_groups, only: group_docs, group_names, scene_type
    use config_text_value_table, only: entry_type, lister_type, row_type
@@ -7,32 +7,33 @@ module config_template
    private
    public :: scene_reference, template_text
 
-   integer, parameter :: value_width = 39, line_width = 100
+   integer, parameter :: value_width = 39, line_width = 100   !! [characters]
    character(*), parameter :: line_feed = new_line('a')
 
 contains
 
-   !> A complete commented scene: the paper's study where values must be given, else the defaults.
+   !> Complete commented scene: the paper's study for values without default, else the defaults.
    function template_text() result(text)
       character(:), allocatable :: mark, start, text
       type(lister_type) :: lister
       type(scene_type) :: scene
       integer :: i, j
 
-      call example(scene)
+      call set_example_values(scene)
       text = '! A scene of entroslip: groups of name = value.'//line_feed// &
              '! A group that is absent is a part that is not run; a value that is absent has'// &
              line_feed//'! the default shown here, except those marked (required).'//line_feed
       do i = 1, size(group_names)
          lister = lister_type()
          call scene%visit(trim(group_names(i)), 1, lister)
-         mark = trim(merge('! ', '  ', group_names(i) == 'structure'))   ! it excludes &chain
+         ! &structure is commented out: a scene has either it or &chain
+         mark = trim(merge('! ', '  ', group_names(i) == 'structure'))
          text = text//line_feed//'! '//trim(group_docs(i))//line_feed//mark//'&'// &
                 trim(group_names(i))//line_feed
          do j = 1, size(lister%rows)
             associate (row => lister%rows(j))
                start = mark//repeat(' ', 3 - len(mark))
-               if (row%entry%is_list .and. row%value == '') start = '   ! '   ! none to begin with
+               if (row%entry%is_list .and. row%value == '') start = '   ! '   ! no default
                text = text//with_comment(start//trim(row%entry%name)//' = '//row%value, &
                                          description(row))
             end associate
@@ -41,7 +42,7 @@ contains
       end do
    end function template_text
 
-   !> The scene reference in Markdown, one table a group.
+   !> Scene reference in Markdown, one table per group.
    function scene_reference() result(text)
       character(:), allocatable :: text
       type(lister_type) :: lister
@@ -64,8 +65,8 @@ contains
       end do
    end function scene_reference
 
-   !> Gives the paper's values to all that must be given.
-   subroutine example(scene)
+   !> Sets the values without default to those of the paper.
+   subroutine set_example_values(scene)
       type(scene_type), intent(out) :: scene
 
       scene%heading%title = 'paper'
@@ -75,9 +76,9 @@ contains
       scene%processes(1)%stds = [0.067_wp, 0.1_wp]
       scene%chain%friction = [0.2_wp]
       scene%excitation%variance = [3.7_wp, 41.1_wp]
-   end subroutine example
+   end subroutine set_example_values
 
-   !> Unit, meaning and what must be in one line.
+   !> Unit, meaning, default and rule of a value, in one line.
    function description(row) result(text)
       type(row_type), intent(in) :: row
       character(:), allocatable :: text
@@ -90,7 +91,7 @@ contains
       end associate
    end function description
 
-   !> Meaning, choices and rule.
+   !> Meaning, choices and rule of a value.
    pure function meaning_of(entry) result(text)
       type(entry_type), intent(in) :: entry
       character(:), allocatable :: text
@@ -100,7 +101,7 @@ contains
       if (len(entry%rule%text()) > 0) text = text//'; '//entry%rule%text()
    end function meaning_of
 
-   !> The comment behind the value, going on below it where it is long.
+   !> Line of a value and its comment; a long comment continues on the next lines.
    function with_comment(value, comment) result(text)
       character(*), intent(in) :: value, comment
       character(:), allocatable :: text, rest
@@ -119,6 +120,7 @@ contains
       end do
    end function with_comment
 
+   !> Row of the scene reference.
    function reference_row(row) result(text)
       type(row_type), intent(in) :: row
       character(:), allocatable :: text, default
@@ -134,6 +136,7 @@ contains
       end associate
    end function reference_row
 
+   !> Text with a capital first letter.
    pure function capital(text)
       character(*), intent(in) :: text
       character(len(text)) :: capital

@@ -1,9 +1,9 @@
-!> &chain, &structure, &excitation and &integration: what moves, the forces on it, and how it is
-!> marched through time.
+!> &chain, &structure, &excitation and &integration: the structure, the forces on it and its
+!> integration in time.
 module config_groups_motion
    use campaign_plan, only: excitation_settings, integration_settings
-   use config_text_value_table, only: between, entry_type, inside, not_negative, positive, &
-      visitor_type
+   use config_text_value_table, only: closed_interval, entry_type, not_negative, open_interval, &
+      positive, visitor_type
    use core_kinds, only: wp
    use dynamics_newmark_march, only: most_halvings
    use structure_model, only: most_dofs
@@ -13,9 +13,9 @@ module config_groups_motion
    public :: visit_chain, visit_excitation, visit_integration, visit_structure
    public :: fewest_measured
 
-   integer, parameter :: fewest_measured = 64   !! steps behind n_discard: two spans of slip series
+   integer, parameter :: fewest_measured = 64   !! steps after n_discard: two spans of slip_series
 
-   !> Defaults are those of Sec. 3. Every list: one value, or one per dof.
+   !> The paper's chain (Sec. 3, its values are the defaults). Lists have one value, or one per dof.
    type :: chain_group
       integer :: n_dof = 5
       real(wp), allocatable :: mass(:)
@@ -26,7 +26,7 @@ module config_groups_motion
       real(wp), allocatable :: damping_ratio(:)
    end type chain_group
 
-   !> Paths as in the scene: beside it, or in the current directory.
+   !> Structure from files, with paths as written in the scene.
    type :: structure_group
       character(:), allocatable :: mass_matrix
       character(:), allocatable :: stiffness_matrix
@@ -38,13 +38,13 @@ module config_groups_motion
       character(:), allocatable :: load
    end type structure_group
 
-   !> Forces as the scene says them, with the levels that make cases.
+   !> Forces on the structure, and the lists of levels, each of which makes a case.
    type, extends(excitation_settings) :: excitation_group
-      real(wp), allocatable :: variance(:)    !! empty: not given
-      real(wp), allocatable :: frequency(:)   !! empty: not given
-      real(wp), allocatable :: amplitude(:)   !! empty: not given
-      character(:), allocatable :: psd        !! path of a file; '': none
-      real(wp), allocatable :: factor(:)
+      real(wp), allocatable :: variance(:)    !! [N^2]; empty if not given
+      real(wp), allocatable :: frequency(:)   !! [Hz]; empty if not given
+      real(wp), allocatable :: amplitude(:)   !! [N]; empty if not given
+      character(:), allocatable :: psd        !! path of a file; '' if not given
+      real(wp), allocatable :: factor(:)      !! of a force from a file or spectrum
    contains
       procedure :: n_levels
       procedure :: level_name
@@ -59,7 +59,8 @@ contains
 
       call visitor%visit(self%n_dof, entry_type('n_dof', &
          'number of masses; the first is next to the wall', &
-         rule=between(1.0_wp, real(most_dofs, wp)), default='length of the longest list, else 5'))
+         rule=closed_interval(1.0_wp, real(most_dofs, wp)), &
+         default='length of the longest list, else 5'))
       call visitor%visit(self%mass, entry_type('mass', 'one value, or one per dof', 'kg', &
          positive, per_dof=self%n_dof), default=[1.0_wp])
       call visitor%visit(self%coupling_stiffness, entry_type('coupling_stiffness', &
@@ -83,13 +84,13 @@ contains
       type(structure_group), intent(inout) :: self
       class(visitor_type), intent(inout) :: visitor
 
-      ! which file holds a matrix changes nothing: its values are in the fingerprint
+      ! the fingerprint has the values of the matrices, not the names of their files
       call visitor%visit_text(self%mass_matrix, entry_type('mass_matrix', &
-         'M as a Matrix Market file, real or integer', 'kg', shapes_samples=.false.))
+         'M as a Matrix Market file, real or integer', 'kg', in_fingerprint=.false.))
       call visitor%visit_text(self%stiffness_matrix, entry_type('stiffness_matrix', &
-         'K without the joints, as a Matrix Market file', 'N/m', shapes_samples=.false.))
+         'K without the joints, as a Matrix Market file', 'N/m', in_fingerprint=.false.))
       call visitor%visit_text(self%damping_matrix, entry_type('damping_matrix', &
-         'C as a Matrix Market file; or give one of the next two', 'N s/m', shapes_samples=.false.))
+         'C as a Matrix Market file; or give one of the next two', 'N s/m', in_fingerprint=.false.))
       call visitor%visit(self%rayleigh, entry_type('rayleigh', &
          'alpha [1/s], beta [s]: C = alpha M + beta K', rule=not_negative, length=2), &
          default=[0.0_wp, 0.0_wp])
@@ -98,14 +99,13 @@ contains
          rule=not_negative), default=[0.005_wp])
       call visitor%visit_text(self%joints, entry_type('joints', &
          'text file, one joint a line: dof_a dof_b stiffness normal_load friction '// &
-         '[friction_point]; dof_b = 0 is the ground', shapes_samples=.false.))
+         '[friction_point]; dof_b = 0 is the ground', in_fingerprint=.false.))
       call visitor%visit_text(self%directions, entry_type('directions', &
          'W (dofs x joints) as a Matrix Market file; lines of joints then have no dofs', &
-         shapes_samples=.false.))
+         in_fingerprint=.false.))
       call visitor%visit_text(self%load, entry_type('load', &
          'text file of factors, one dof a line, one force a column; '// &
-         'none: 1 at excitation%dof, or with base at all dofs', &
-         shapes_samples=.false.))
+         'none: 1 at excitation%dof, or with base at all dofs', in_fingerprint=.false.))
    end subroutine visit_structure
 
    !> Visits the table of &excitation.
@@ -122,18 +122,19 @@ contains
       call visitor%visit(self%variance, entry_type('variance', &
          'expected variance of the noise; one or several, each a case', 'N^2', positive))
       call visitor%visit(self%frequency, entry_type('frequency', &
-         'of sines; one or several, each a case', 'Hz', positive, is_used=self%kind == 'sine'))
+         'frequency of the sine; one or several, each a case', 'Hz', positive, &
+         is_used=self%kind == 'sine'))
       call visitor%visit(self%amplitude, entry_type('amplitude', &
-         'of sines; one or several, each with every frequency', 'N', positive, &
+         'amplitude of the sine; one or several, each with every frequency', 'N', positive, &
          is_used=self%kind == 'sine'))
       call visitor%visit_text(self%psd, entry_type('psd', &
          'text file with the one-sided spectrum: Hz and N^2/Hz on a line, linear in between', &
-         shapes_samples=.false.))
+         in_fingerprint=.false.))
       call visitor%visit_text(self%file, entry_type('file', &
          'force history: text (force, or time and force) or HDF5, beside the scene '// &
-         'or in the current folder', shapes_samples=.false.))
+         'or in the current folder', in_fingerprint=.false.))
       call visitor%visit(self%factor, entry_type('factor', &
-         'factor of the force, its square that of psd; one or several, each a case', &
+         'factor of the force (its square multiplies psd); one or several, each a case', &
          rule=positive, is_used=self%kind == 'file' .or. self%kind == 'psd'), default=[1.0_wp])
       call visitor%visit(self%dof, entry_type('dof', 'the forced dof; 0: the last', &
          rule=not_negative))
@@ -144,7 +145,7 @@ contains
          'each sample has its own force record; else only the friction differs'))
    end subroutine visit_excitation
 
-   !> Cases that each process has.
+   !> Number of force levels: cases of each process.
    pure integer function n_levels(self)
       class(excitation_group), intent(in) :: self
 
@@ -158,7 +159,7 @@ contains
       end select
    end function n_levels
 
-   !> The value by which levels of the force differ.
+   !> Name of the value that the force levels differ in.
    pure function level_name(self) result(name)
       class(excitation_group), intent(in) :: self
       character(:), allocatable :: name
@@ -182,19 +183,19 @@ contains
          'newmark: the scheme of Sec. 3; event: the exact march', choices='newmark event'))
       call visitor%visit(self%dt, entry_type('dt', 'time step', 's', positive))
       call visitor%visit(self%n_steps, entry_type('n_steps', &
-         'time steps; 0: as many as a force file has', rule=between(0.0_wp, 2.0e9_wp)))
+         'time steps; 0: as many as a force file has', rule=closed_interval(0.0_wp, 2.0e9_wp)))
       call visitor%visit(self%n_discard, entry_type('n_discard', &
          'first steps, left out of all statistics', rule=not_negative))
       call visitor%visit(self%max_halvings, entry_type('max_halvings', &
          'newmark: steps with a transition are halved down to dt/2^max_halvings', &
-         rule=between(0.0_wp, real(most_halvings, wp)), is_used=self%method == 'newmark'))
+         rule=closed_interval(0.0_wp, real(most_halvings, wp)), is_used=self%method == 'newmark'))
       call visitor%visit(self%beta, entry_type('beta', "newmark: the scheme's beta", &
-         rule=between(0.0_wp, 0.5_wp), is_used=self%method == 'newmark'))
+         rule=closed_interval(0.0_wp, 0.5_wp), is_used=self%method == 'newmark'))
       call visitor%visit(self%gamma, entry_type('gamma', &
-         "newmark: the scheme's gamma; 0.5 adds no damping", rule=between(0.5_wp, 1.0_wp), &
+         "newmark: the scheme's gamma; 0.5 adds no damping", rule=closed_interval(0.5_wp, 1.0_wp), &
          is_used=self%method == 'newmark'))
       call visitor%visit(self%tolerance, entry_type('tolerance', &
-         'event: error of a displacement relative to its rms', rule=inside(0.0_wp, 1.0_wp), &
+         'event: error of a displacement relative to its rms', rule=open_interval(0.0_wp, 1.0_wp), &
          is_used=self%method == 'event'))
    end subroutine visit_integration
 

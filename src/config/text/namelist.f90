@@ -1,8 +1,8 @@
-!> A scene as it is written, in the namelist form: groups of `name = values`, and the --set options,
-!> `group%name=value`. Each name and value has its place, and complaints say it.
+!> Parses a scene in namelist form, groups of `name = values`, and the --set options,
+!> `group%name=value`. Keeps the place of each name and value for complaints.
 !>
-!> The language's own namelist read stops at the first mistake and cannot say where it is; this one
-!> goes on behind it. Who fills the tables of groups from a document extends it: config_text_reader.
+!> Fortran's own namelist read stops at the first mistake and does not say where it is; this parser
+!> continues and reports all mistakes. config_text_reader converts the values.
 module config_text_namelist
    use config_text_tokens, only: token_comma, token_end, token_group, token_index, token_name, &
                                  token_open_quote, token_type, token_word, tokenize
@@ -15,61 +15,61 @@ module config_text_namelist
    private
    public :: assignment_type, document_type, override_text
 
-   integer, parameter :: max_blocks = 100   !! groups in one scene
-   integer, parameter :: shown = 40   !! characters of a long value that a complaint repeats, twice
+   integer, parameter :: max_groups = 100   !! largest number of groups in a scene
+   integer, parameter :: shown = 40   !! characters shown of either end of a long value
    character(*), parameter :: digits = '0123456789'
 
    !> One `&group ... /`.
-   type :: block_type
-      character(32) :: name = ''          !! lower case; a longer one is cut, and no group of ours
-      type(token_type) :: place           !! place of its &name
-      logical :: has_unknown = .false.    !! complained of a name in it
-   end type block_type
+   type :: group_type
+      character(32) :: name = ''          !! in lower case, cut at 32 characters; ours are shorter
+      type(token_type) :: place           !! &name
+      logical :: has_unknown = .false.    !! true if an unknown name in it was complained of
+   end type group_type
 
-   !> `name = values`, `name(lower:upper) = values`.
+   !> One `name = values` or `name(lower:upper) = values`.
    type :: assignment_type
-      integer :: block = 0
-      character(32) :: name = ''          !! lower case; a longer one is cut, and no name of ours
-      type(token_type) :: place           !! of the name, with its index
-      integer :: lower = 0, upper = 0     !! 0: the whole list
-      integer :: first_value = 1, last_value = 0   !! into document%tokens
-      logical :: is_known = .false.       !! an entry of its group has its name
-      logical :: is_refused = .false.     !! complained of
+      integer :: group = 0                !! index into document%groups
+      character(32) :: name = ''          !! in lower case, cut at 32 characters; ours are shorter
+      type(token_type) :: place           !! the name with its index
+      integer :: lower = 0, upper = 0     !! the index; 0: the whole list
+      integer :: first_value = 1, last_value = 0   !! range of its values in document%tokens
+      logical :: is_known = .false.       !! true if its group has an entry of this name
+      logical :: is_refused = .false.     !! true if it was complained of
    end type assignment_type
 
-   !> The file and the options, cut into tokens, groups and assignments.
+   !> The scene file and the options as tokens, groups and assignments.
    type, abstract, extends(visitor_type) :: document_type
-      type(source_type) :: source(2)      !! the scene file; the --set options, one a line
+      type(source_type) :: source(2)      !! the scene file; the --set options, one per line
       type(token_type), allocatable :: tokens(:)
-      type(block_type), allocatable :: blocks(:)             !! in the order of the file
-      type(assignment_type), allocatable :: assignments(:)   !! valid to n_assignments
+      type(group_type), allocatable :: groups(:)             !! in the order of the file
+      type(assignment_type), allocatable :: assignments(:)   !! the first n_assignments are used
       integer :: n_assignments = 0
       type(complaint_list) :: complaints
    contains
       procedure :: parse
-      procedure :: find_block
+      procedure :: find_group
       procedure :: text_of
       procedure :: rule_on
       procedure :: comma_hint
       procedure :: complain
       procedure :: refuse
       procedure :: refuse_assignment
-      procedure, private :: has_comma_inside, open_block, values_text
+      procedure, private :: has_comma_inside, add_group, values_text
    end type document_type
 
 contains
 
-   !> Parses the text of a scene, then the options, whose assignments come behind the file's and
-   !> take their place. What is not understood is complained of and left out.
+   !> Parses the text of a scene, then the options, whose assignments override those of the file.
+   !> Complains of text that it cannot parse and leaves it out.
    subroutine parse(self, source, overrides)
       class(document_type), intent(inout) :: self
       type(source_type), intent(in) :: source
-      character(*), intent(in) :: overrides(:)   !! `group%name=value`, as --set has them
+      character(*), intent(in) :: overrides(:)   !! --set options, `group%name=value`
       integer :: first, line
 
       self%source(1) = source
       self%source(2) = new_source('--set', override_text(overrides))
-      allocate (self%blocks(0), self%assignments(0))
+      allocate (self%groups(0), self%assignments(0))
       first = 1
       if (index(source%text, byte_order_mark) == 1) first = len(byte_order_mark) + 1
       call tokenize(source, 1, 1, first, len(source%text), self%tokens)
@@ -79,7 +79,7 @@ contains
       end do
    end subroutine parse
 
-   !> The options as a text, one a line.
+   !> Text of the options, one per line.
    pure function override_text(overrides) result(text)
       character(*), intent(in) :: overrides(:)
       character(:), allocatable :: text
@@ -108,11 +108,11 @@ contains
          token = document%tokens(i)
          if (token%kind == token_group) then
             if (is_open) call complain_unclosed(document)
-            if (size(document%blocks) == max_blocks) then
+            if (size(document%groups) == max_groups) then
                call document%complain(token, 'more groups than a scene can have')
                return
             end if
-            call document%open_block(token)
+            call document%add_group(token)
             is_open = .true.
          else if (.not. is_open) then
             if (token%line /= last_outside) call complain_outside(document, i)
@@ -120,7 +120,7 @@ contains
          else if (token%kind == token_end) then
             is_open = .false.
          else if (token%kind == token_name) then
-            call parse_assignment(document, size(document%blocks), i)
+            call parse_assignment(document, size(document%groups), i)
          else
             call document%complain(token, document%rule_on(token, 'expected name = value'))
             i = end_of_values(document%tokens, i)
@@ -130,17 +130,18 @@ contains
       if (is_open) call complain_unclosed(document)
    end subroutine parse_groups
 
+   !> Complains of the last group, which is not closed.
    subroutine complain_unclosed(document)
       class(document_type), intent(inout) :: document
 
-      associate (block => document%blocks(size(document%blocks)))
-         call document%complain(block%place, 'the group is not closed by /', &
-                                '&'//trim(block%name))
+      associate (group => document%groups(size(document%groups)))
+         call document%complain(group%place, 'the group is not closed by /', &
+                                '&'//trim(group%name))
       end associate
    end subroutine complain_unclosed
 
-   !> Complains of token i, which belongs to no group. Often a path or a quotient without quotes
-   !> stands before it.
+   !> Complains of token i, which belongs to no group. Often a `/` in text without quotes has ended
+   !> the group before it.
    subroutine complain_outside(document, i)
       class(document_type), intent(inout) :: document
       integer, intent(in) :: i
@@ -154,15 +155,15 @@ contains
       end associate
    end subroutine complain_outside
 
-   !> Parses `name [(lower[:upper])] = values` of a group; leaves `i` on the last of the values.
-   subroutine parse_assignment(document, block, i)
+   !> Parses `name [(lower[:upper])] = values` of a group; sets `i` to the last token of the values.
+   subroutine parse_assignment(document, group, i)
       class(document_type), intent(inout) :: document
-      integer, intent(in) :: block
-      integer, intent(inout) :: i     !! on the name
+      integer, intent(in) :: group    !! index into document%groups
+      integer, intent(inout) :: i     !! token of the name
       type(assignment_type) :: given
       logical :: is_valid
 
-      given%block = block
+      given%group = group
       given%place = document%tokens(i)
       given%name = lowered(document%text_of(given%place))
       i = i + 1
@@ -189,7 +190,7 @@ contains
       end associate
    end subroutine parse_assignment
 
-   !> Parses (i) or (i:j), whole numbers from 1 to 9999.
+   !> Parses (i) or (i:j), integers from 1 to 9999.
    pure subroutine parse_index(text, lower, upper, is_valid)
       character(*), intent(in) :: text   !! with its parentheses
       integer, intent(out) :: lower, upper
@@ -205,7 +206,7 @@ contains
 
    contains
 
-      !> The number; 0 where there is none.
+      !> Integer that a word holds; 0 if it holds none.
       pure integer function count_in(word)
          character(*), intent(in) :: word
          integer(long), parameter :: largest = 9999
@@ -218,7 +219,8 @@ contains
 
    end subroutine parse_index
 
-   !> The last token of the values that begin behind token `i`: up to the next name, group or end.
+   !> Last token of the values that begin after token `i`: the one before the next name, group or
+   !> end.
    pure integer function end_of_values(tokens, i)
       type(token_type), intent(in) :: tokens(:)
       integer, intent(in) :: i
@@ -228,12 +230,12 @@ contains
       end do
    end function end_of_values
 
-   !> Parses `group%name = values`, or `group(number)%name = values` where there are several
-   !> groups.
+   !> Parses the option `group%name = values`, or `group(number)%name = values` for one of several
+   !> groups of that name.
    subroutine parse_override(document, line)
       class(document_type), intent(inout) :: document
       integer, intent(in) :: line
-      type(token_type), allocatable :: head(:), tokens(:)   ! before and behind %
+      type(token_type), allocatable :: head(:), tokens(:)   ! before and after %
       type(token_type) :: place
       character(:), allocatable :: text
       integer :: number, percent, upper
@@ -260,67 +262,67 @@ contains
       end if
    end subroutine parse_override
 
-   !> Adds an assignment to every group of that name, or to the one of that number. Opens a group
-   !> that is absent.
-   subroutine apply_override(document, group, number, tokens)
+   !> Adds an assignment to every group of a name, or to the one with that number. Adds the group if
+   !> the scene has none of that name.
+   subroutine apply_override(document, name_token, number, tokens)
       class(document_type), intent(inout) :: document
-      type(token_type), intent(in) :: group
-      integer, intent(in) :: number             !! 0: all
-      type(token_type), intent(in) :: tokens(:)   !! of name = values
+      type(token_type), intent(in) :: name_token
+      integer, intent(in) :: number               !! 0: every group of that name
+      type(token_type), intent(in) :: tokens(:)   !! name = values
       character(:), allocatable :: name
-      integer :: block, first, last, n_found
+      integer :: group, first, last, n_found
 
-      name = lowered(document%text_of(group))
-      if (document%find_block(name) == 0) call document%open_block(group)
+      name = lowered(document%text_of(name_token))
+      if (document%find_group(name) == 0) call document%add_group(name_token)
       first = size(document%tokens) + 1
       document%tokens = [document%tokens, tokens]
       n_found = 0
       last = size(document%tokens)
-      do block = 1, size(document%blocks)
-         if (document%blocks(block)%name /= name) cycle
+      do group = 1, size(document%groups)
+         if (document%groups(group)%name /= name) cycle
          n_found = n_found + 1
          if (all(number /= [0, n_found])) cycle
          last = first
-         call parse_assignment(document, block, last)
+         call parse_assignment(document, group, last)
       end do
       if (number > n_found) then
-         call document%complain(group, 'the scene has no group of that number', &
-                                document%source(2)%line(group%line))
+         call document%complain(name_token, 'the scene has no group of that number', &
+                                document%source(2)%line(name_token%line))
       else if (last < size(document%tokens)) then
          call document%complain(document%tokens(last + 1), 'an option sets one value')
       end if
    end subroutine apply_override
 
-   !> Opens a group at its name.
-   subroutine open_block(self, place)
+   !> Adds a group whose name is at a token.
+   subroutine add_group(self, place)
       class(document_type), intent(inout) :: self
       type(token_type), intent(in) :: place
-      type(block_type) :: block
+      type(group_type) :: group
       character(:), allocatable :: name
 
       name = self%text_of(place)
       if (place%kind == token_group) name = name(2:)
-      block%name = lowered(name)
-      block%place = place
-      self%blocks = [self%blocks, block]
-   end subroutine open_block
+      group%name = lowered(name)
+      group%place = place
+      self%groups = [self%groups, group]
+   end subroutine add_group
 
-   !> The first block of a name, or the number-th; 0: there is none.
-   pure integer function find_block(self, name, number) result(block)
+   !> Index of the first group of a name, or of the number-th one; 0 if there is none.
+   pure integer function find_group(self, name, number) result(group)
       class(document_type), intent(in) :: self
       character(*), intent(in) :: name
       integer, intent(in), optional :: number
       integer :: i
 
-      block = 0
-      associate (places => pack([(i, i=1, size(self%blocks))], self%blocks%name == name))
+      group = 0
+      associate (places => pack([(i, i=1, size(self%groups))], self%groups%name == name))
          i = 1
          if (present(number)) i = number
-         if (i <= size(places)) block = places(i)
+         if (i <= size(places)) group = places(i)
       end associate
-   end function find_block
+   end function find_group
 
-   !> The token as written.
+   !> Text of a token.
    pure function text_of(self, token) result(text)
       class(document_type), intent(in) :: self
       type(token_type), intent(in) :: token
@@ -329,7 +331,7 @@ contains
       text = self%source(token%source)%text(token%first:token%last)
    end function text_of
 
-   !> The values as written; of several lines only the first.
+   !> Text of an assignment's values, of the first line only.
    pure function values_text(self, given) result(text)
       class(document_type), intent(in) :: self
       type(assignment_type), intent(in) :: given
@@ -347,8 +349,8 @@ contains
       end associate
    end function values_text
 
-   !> Rule that a token breaks where it is not expected: where a # stands, a person used to other
-   !> languages meant a comment.
+   !> Rule that an unexpected token breaks: an open quote, a comment after # as in other languages,
+   !> else `otherwise`.
    pure function rule_on(self, token, otherwise) result(rule)
       class(document_type), intent(in) :: self
       type(token_type), intent(in) :: token
@@ -360,21 +362,21 @@ contains
       if (index(self%text_of(token), '#') == 1) rule = 'a comment begins with !'
    end function rule_on
 
-   !> Hint where a value may be half of 0,2; else empty.
-   pure function comma_hint(self, slot) result(hint)
+   !> Hint if a value may be one half of a decimal with a comma, such as 0,2; else empty.
+   pure function comma_hint(self, i_token) result(hint)
       class(document_type), intent(in) :: self
-      integer, intent(in) :: slot   !! into self%tokens
+      integer, intent(in) :: i_token   !! index into self%tokens
       character(:), allocatable :: hint
 
       hint = ''
-      if (self%has_comma_inside(slot) .or. self%has_comma_inside(slot - 2)) &
+      if (self%has_comma_inside(i_token) .or. self%has_comma_inside(i_token - 2)) &
          hint = ' (commas separate values: decimals follow a point)'
    end function comma_hint
 
-   !> True if token i and those behind it read digits, comma, digit, without a blank.
+   !> True if tokens i to i + 2 are digits, a comma and a digit, without a blank between.
    pure logical function has_comma_inside(self, i)
       class(document_type), intent(in) :: self
-      integer, intent(in) :: i   !! into self%tokens, or beyond
+      integer, intent(in) :: i   !! index into self%tokens; may lie outside
 
       has_comma_inside = .false.
       if (i < 1 .or. i + 2 > size(self%tokens)) return
@@ -391,7 +393,7 @@ contains
       class(document_type), intent(inout) :: self
       type(token_type), intent(in) :: token
       character(*), intent(in) :: rule
-      character(*), intent(in), optional :: what   !! absent: the token
+      character(*), intent(in), optional :: what   !! default: text of the token
       character(:), allocatable :: text
 
       text = self%text_of(token)
@@ -404,8 +406,7 @@ contains
       end associate
    end subroutine complain
 
-   !> Hint for a word with a blank of another kind, which looks like the plain one; empty for a
-   !> text in quotes.
+   !> Hint if a word without quotes has a non-breaking space, which looks like a blank; else empty.
    pure function blank_hint(word) result(hint)
       character(*), intent(in) :: word
       character(:), allocatable :: hint
@@ -418,28 +419,28 @@ contains
    end function blank_hint
 
    !> Adds a complaint at a value, `file:line: group%name = value: rule`.
-   subroutine refuse(self, block, token, name, value, rule)
+   subroutine refuse(self, group, token, name, value, rule)
       class(document_type), intent(inout) :: self
-      integer, intent(in) :: block
+      integer, intent(in) :: group
       type(token_type), intent(in) :: token
       character(*), intent(in) :: name, value, rule
       character(:), allocatable :: what
 
-      what = trim(self%blocks(block)%name)//'%'//name
+      what = trim(self%groups(group)%name)//'%'//name
       if (len_trim(value) > 0) what = what//' = '//value
       call self%complain(token, rule, what)
    end subroutine refuse
 
-   !> Adds a complaint at the name of the i-th assignment with all its values, if a rule is broken.
+   !> Complains of the i-th assignment, with all its values, if it breaks a rule.
    subroutine refuse_assignment(self, i, rule)
       class(document_type), intent(inout) :: self
       integer, intent(in) :: i
-      character(*), intent(in), optional :: rule
+      character(*), intent(in), optional :: rule   !! absent: none is broken
 
       if (.not. present(rule)) return
       associate (given => self%assignments(i))
          given%is_refused = .true.
-         call self%refuse(given%block, given%place, self%text_of(given%place), &
+         call self%refuse(given%group, given%place, self%text_of(given%place), &
                           self%values_text(given), rule)
       end associate
    end subroutine refuse_assignment

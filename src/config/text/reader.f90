@@ -1,6 +1,5 @@
-!> Fills a group from what the scene file and the --set options give, and complains of what they
-!> should not. Nothing is guessed: what is not exactly a value of the wanted type is refused, with
-!> the rule that it breaks.
+!> Reads the values of the groups from a parsed scene and its --set options. Refuses every value
+!> that is not of the type, range or choices of its entry, with the rule that it breaks.
 module config_text_reader
    use config_text_namelist, only: assignment_type, document_type
    use config_text_tokens, only: token_comma, token_quoted, token_type, token_word
@@ -12,15 +11,15 @@ module config_text_reader
    private
    public :: reader_type
 
-   integer, parameter :: max_length = 1000   !! values of a list
+   integer, parameter :: max_length = 1000   !! largest number of values in a list
 
-   !> Visits the groups of a scene and fills them from its document.
+   !> Visitor that sets the values of a group from the document.
    type, extends(document_type) :: reader_type
-      character(2*name_length), allocatable :: unused(:)   !! group%name: given, of no effect
-      integer, private :: block = 0      !! the group being read; 0: absent, all is default
-      integer, private :: last_slot = 0  !! the token that was refused last
-      character(name_length), allocatable, private :: known(:)   !! the group's names so far
-      character(name_length), allocatable, private :: missing(:) !! of them, must be and are not
+      character(2*name_length), allocatable :: unused(:)   !! group%name of values without effect
+      integer, private :: group = 0         !! index of the group being read; 0: it is absent
+      integer, private :: last_refused = 0  !! index of the token that was refused last
+      character(name_length), allocatable, private :: known(:)    !! names visited in the group
+      character(name_length), allocatable, private :: missing(:)  !! required names without a value
    contains
       procedure :: begin_group
       procedure :: end_group
@@ -32,71 +31,72 @@ module config_text_reader
 
 contains
 
-   !> Prepares the reader to visit a group's values.
+   !> Prepares the reader to visit the table of a group.
    subroutine begin_group(self, group, number)
       class(reader_type), intent(inout) :: self
       character(*), intent(in) :: group
-      integer, intent(in) :: number   !! which of several groups of that name
+      integer, intent(in) :: number   !! number among the groups of that name
 
-      self%block = self%find_block(group, number)
+      self%group = self%find_group(group, number)
       self%known = [character(name_length) ::]
       self%missing = self%known
       if (.not. allocated(self%unused)) allocate (self%unused(0))
    end subroutine begin_group
 
-   !> Complains of every name in the group that was given but not visited: the group does not know
-   !> it. Else complains of names that must be given and are not: one of them may be misspelt.
+   !> Complains of every name in the group that is unknown: given, but not visited. Complains of
+   !> missing names only if there is no unknown one, which may be a misspelt one of them.
    subroutine end_group(self)
       class(reader_type), intent(inout) :: self
       integer :: i
 
       do i = 1, self%n_assignments
-         if (self%assignments(i)%block /= self%block .or. self%assignments(i)%is_known) cycle
-         self%blocks(self%block)%has_unknown = .true.
+         if (self%assignments(i)%group /= self%group .or. self%assignments(i)%is_known) cycle
+         self%groups(self%group)%has_unknown = .true.
          call self%refuse_assignment(i, 'unknown name'// &
                                      suggestion(trim(self%assignments(i)%name), self%known))
       end do
       do i = 1, size(self%missing)
-         associate (block => self%blocks(self%block))
-            if (.not. block%has_unknown) call self%refuse(self%block, block%place, &
+         associate (group => self%groups(self%group))
+            if (.not. group%has_unknown) call self%refuse(self%group, group%place, &
                                                           trim(self%missing(i)), '', &
                                                           'must be given')
          end associate
       end do
    end subroutine end_group
 
-   !> Number of the last assignment to a name in its group; 0: it is not given.
-   pure integer function last_given(self, block, name) result(i)
+   !> Index of the last assignment to a name of a group; 0 if there is none.
+   pure integer function last_given(self, group, name) result(i)
       class(reader_type), intent(in) :: self
-      integer, intent(in) :: block
+      integer, intent(in) :: group
       character(*), intent(in) :: name
 
       do i = self%n_assignments, 1, -1
          associate (given => self%assignments(i))
-            if (given%block == block .and. given%name == name) return
+            if (given%group == group .and. given%name == name) return
          end associate
       end do
    end function last_given
 
+   !> True if the scene or an option gives a value of a group.
    pure logical function was_given(self, group, name, number)
       class(reader_type), intent(in) :: self
       character(*), intent(in) :: group, name
-      integer, intent(in), optional :: number   !! which of several groups, default 1
+      integer, intent(in), optional :: number   !! number among the groups of that name, default 1
 
-      was_given = last_given(self, self%find_block(group, number), name) > 0
+      was_given = last_given(self, self%find_group(group, number), name) > 0
    end function was_given
 
    !> Number of values of the longest list that a group gives without an index.
    pure integer function longest_list(self, group) result(longest)
       class(reader_type), intent(in) :: self
       character(*), intent(in) :: group
-      integer :: block, i
+      integer :: i_group, i
 
       longest = 0
-      block = self%find_block(group)
+      i_group = self%find_group(group)
       do i = 1, self%n_assignments
          associate (given => self%assignments(i))
-            if (given%block /= block .or. given%lower > 0) cycle
+            if (given%group /= i_group .or. given%lower > 0) cycle
             associate (tokens => self%tokens(given%first_value:given%last_value))
                longest = max(longest, sum(tokens%repeat, mask=tokens%kind == token_word))
             end associate
@@ -104,35 +104,34 @@ contains
       end do
    end function longest_list
 
-   !> Complains, unless the condition holds, of `name` where it was given, else of its group. A
-   !> value that was refused already is not judged again; nor is a default in a group with unknown
-   !> names.
+   !> Complains if a condition does not hold: of the value, or of its group if the value was not
+   !> given. Does not complain twice of a value, nor of a default in a group with unknown names.
    subroutine require(self, condition, group, name, rule, default, number)
       class(reader_type), intent(inout) :: self
       logical, intent(in) :: condition
       character(*), intent(in) :: group, name, rule
-      character(*), intent(in), optional :: default   !! the value, where the scene gives none
-      integer, intent(in), optional :: number         !! which of several groups, default 1
+      character(*), intent(in), optional :: default   !! value to be shown if none was given
+      integer, intent(in), optional :: number         !! number among the groups, default 1
       character(:), allocatable :: value
-      integer :: block, i
+      integer :: i_group, i
 
       if (condition) return
-      block = self%find_block(group, number)
-      i = last_given(self, block, name)
+      i_group = self%find_group(group, number)
+      i = last_given(self, i_group, name)
       value = ''
       if (present(default)) value = default
       if (i > 0) then
          if (.not. self%assignments(i)%is_refused) call self%refuse_assignment(i, rule)
-      else if (block > 0) then
-         if (.not. self%blocks(block)%has_unknown) &
-            call self%refuse(block, self%blocks(block)%place, name, value, rule)
+      else if (i_group > 0) then
+         if (.not. self%groups(i_group)%has_unknown) &
+            call self%refuse(i_group, self%groups(i_group)%place, name, value, rule)
       else
          call self%complaints%add_general(self%source(1)%name//': '//group//'%'//name//': '//rule)
       end if
    end subroutine require
 
-   !> Reads the values of an entry. A refused one of a list keeps its default; a refused single
-   !> value becomes zero or empty, so that no other is judged by it.
+   !> Reads the values of an entry. A refused value of a list keeps its default; a refused single
+   !> value becomes zero or empty, so that it breaks no rule together with other values.
    subroutine visit_words(self, words, entry)
       class(reader_type), intent(inout) :: self
       type(word_type), allocatable, intent(inout) :: words(:)
@@ -141,22 +140,22 @@ contains
       character(2*name_length) :: full_name
       type(word_type) :: none
       type(word_type), allocatable :: found(:)
-      integer, allocatable :: slots(:)
-      integer :: given, i, j   ! assignment, the last of its name
+      integer, allocatable :: token_of(:)
+      integer :: given, i, j   ! given: the last assignment to the entry
 
       self%known = [self%known, entry%name]
-      call find_slots(self, entry, size(words), slots, given)
-      if (self%block > 0) then
-         full_name = trim(self%blocks(self%block)%name)//'%'//entry%name
+      call find_tokens(self, entry, size(words), token_of, given)
+      if (self%group > 0) then
+         full_name = trim(self%groups(self%group)%name)//'%'//entry%name
          if (given == 0 .and. entry%is_required) self%missing = [self%missing, entry%name]
          if (given > 0 .and. .not. entry%is_used) self%unused = [self%unused, full_name]
       end if
       none%text = trim(merge(' ', '0', any(entry%kind == [character(7) :: 'logical', 'text'])))
-      allocate (found(size(slots)), source=none)
-      do i = 1, size(slots)
+      allocate (found(size(token_of)), source=none)
+      do i = 1, size(token_of)
          if (size(words) > 0) found(i) = words(min(i, size(words)))
-         if (slots(i) == 0) cycle
-         call convert(self, slots(i), entry, word, rule)
+         if (token_of(i) == 0) cycle
+         call convert(self, token_of(i), entry, word, rule)
          if (entry%choices /= '' .and. any([(found(j)%text == word, j=1, i - 1)])) &
             rule = 'is named twice'
          if (.not. allocated(rule)) then
@@ -164,15 +163,15 @@ contains
             cycle
          end if
          self%assignments(given)%is_refused = .true.
-         if (slots(i) == self%last_slot) cycle   ! r*value, or several groups: once will do
-         self%last_slot = slots(i)
+         if (token_of(i) == self%last_refused) cycle   ! r*value, or an option for several groups
+         self%last_refused = token_of(i)
          name = trim(entry%name)
-         if (size(slots) > 1) name = name//'('//to_text(i)//')'
+         if (size(token_of) > 1) name = name//'('//to_text(i)//')'
          hint = ''
          if (entry%length <= 1 .and. (size(words) <= 1 .or. entry%per_dof >= 0)) &
-            hint = self%comma_hint(slots(i))   ! several values are not usual
-         associate (token => self%tokens(slots(i)))
-            call self%refuse(self%block, token, name, self%text_of(token), rule//hint)
+            hint = self%comma_hint(token_of(i))   ! the entry usually has one value
+         associate (token => self%tokens(token_of(i)))
+            call self%refuse(self%group, token, name, self%text_of(token), rule//hint)
          end associate
       end do
       call move_alloc(found, words)
@@ -180,52 +179,52 @@ contains
       if (self%assignments(given)%is_refused) words = [none]
    end subroutine visit_words
 
-   !> Finds the token of each value of an entry; 0: its default. Empty after a complaint.
-   subroutine find_slots(self, entry, default_size, slots, last)
+   !> Finds the token of each value of an entry, or 0 for its default. Empty after a complaint.
+   subroutine find_tokens(self, entry, default_size, token_of, last)
       class(reader_type), intent(inout) :: self
       type(entry_type), intent(in) :: entry
-      integer, intent(in) :: default_size   !! 0: there is no default
-      integer, allocatable, intent(out) :: slots(:)
-      integer, intent(out) :: last   !! assignment to it; 0: there is none
+      integer, intent(in) :: default_size          !! number of default values
+      integer, allocatable, intent(out) :: token_of(:)   !! (value) index into self%tokens, or 0
+      integer, intent(out) :: last   !! index of the last assignment to the entry; 0: none
       character(:), allocatable :: hint, rule
       integer, allocatable :: values(:)
       type(assignment_type) :: given
       integer :: i, first_line, n_before
 
       n_before = self%complaints%n
-      slots = spread(0, 1, default_size)
+      token_of = spread(0, 1, default_size)
       last = 0
       do i = 1, self%n_assignments
          given = self%assignments(i)
-         if (given%block /= self%block .or. given%name /= entry%name) cycle
+         if (given%group /= self%group .or. given%name /= entry%name) cycle
          self%assignments(i)%is_known = .true.
          call expand_values(self, given, values)
          if (last == 0) first_line = given%place%line
          if (last > 0 .and. given%lower == 0 .and. given%place%source == 1) then
             rule = 'is given twice, first on line '//to_text(first_line)
          else
-            call place_values(given, entry, values, slots, rule)
+            call place_values(given, entry, values, token_of, rule)
          end if
          call self%refuse_assignment(i, rule)
          last = i
       end do
       if (last == 0) return
       if (self%complaints%n == n_before) then
-         call check_length(entry, default_size, slots, rule)
+         call check_length(entry, default_size, token_of, rule)
          if (allocated(rule)) then
             hint = ''
-            do i = size(slots), 1, -1
-               if (slots(i) > 0) hint = self%comma_hint(slots(i))
+            do i = size(token_of), 1, -1
+               if (token_of(i) > 0) hint = self%comma_hint(token_of(i))
                if (hint /= '') exit
             end do
             call self%refuse_assignment(last, rule//hint)
          end if
       end if
       self%assignments(last)%is_refused = self%complaints%n > n_before
-      if (self%complaints%n > n_before) slots = spread(0, 1, 0)
-   end subroutine find_slots
+      if (self%complaints%n > n_before) token_of = spread(0, 1, 0)
+   end subroutine find_tokens
 
-   !> Lists the value tokens of an assignment with repeats written out; empty after a complaint.
+   !> Lists the token of each value of an assignment, repeated for r*value; empty after a complaint.
    subroutine expand_values(self, given, values)
       class(reader_type), intent(inout) :: self
       type(assignment_type), intent(in) :: given
@@ -257,29 +256,29 @@ contains
             n = n + token%repeat
          end if
          if (allocated(rule)) then
-            call self%refuse(given%block, token, self%text_of(given%place), self%text_of(token), &
+            call self%refuse(given%group, token, self%text_of(given%place), self%text_of(token), &
                              rule)
             values = found(:0)
             return
          end if
       end do
-      if (n == 0) call self%refuse(given%block, given%place, self%text_of(given%place), '', &
+      if (n == 0) call self%refuse(given%group, given%place, self%text_of(given%place), '', &
                                    'a value is missing')
       values = found(:n)
    end subroutine expand_values
 
-   !> Puts the values of one assignment where they belong.
-   pure subroutine place_values(given, entry, values, slots, rule)
+   !> Stores the tokens of one assignment: of a whole list, or of the indexed values.
+   pure subroutine place_values(given, entry, values, token_of, rule)
       type(assignment_type), intent(in) :: given
       type(entry_type), intent(in) :: entry
       integer, intent(in) :: values(:)
-      integer, allocatable, intent(inout) :: slots(:)
+      integer, allocatable, intent(inout) :: token_of(:)
       character(:), allocatable, intent(out) :: rule
       integer :: n, fill
 
       if (size(values) == 0) return   ! it was refused
       if (given%lower == 0) then
-         slots = values
+         token_of = values
          return
       end if
       n = given%upper - given%lower + 1
@@ -288,43 +287,44 @@ contains
       else if (size(values) /= n) then
          rule = 'the index asks for '//to_text(n)//merge(' value ', ' values', n == 1)
       else
-         n = max(size(slots), given%upper, entry%per_dof)
+         n = max(size(token_of), given%upper, entry%per_dof)
          fill = 0
-         if (entry%per_dof > 0 .and. size(slots) == 1) fill = slots(1)
-         slots = [slots, spread(fill, 1, n - size(slots))]
-         slots(given%lower:given%upper) = values
+         if (entry%per_dof > 0 .and. size(token_of) == 1) fill = token_of(1)
+         token_of = [token_of, spread(fill, 1, n - size(token_of))]
+         token_of(given%lower:given%upper) = values
       end if
    end subroutine place_values
 
-   pure subroutine check_length(entry, default_size, slots, rule)
+   !> Checks the number of values of an entry; `rule` is allocated if it is wrong.
+   pure subroutine check_length(entry, default_size, token_of, rule)
       type(entry_type), intent(in) :: entry
       integer, intent(in) :: default_size
-      integer, intent(in) :: slots(:)
+      integer, intent(in) :: token_of(:)
       character(:), allocatable, intent(out) :: rule
 
-      if (entry%per_dof > 0 .and. all(size(slots) /= [1, entry%per_dof])) then
+      if (entry%per_dof > 0 .and. all(size(token_of) /= [1, entry%per_dof])) then
          rule = 'must be one value, or one for each of the '//to_text(entry%per_dof)//' dofs'
-      else if (entry%length == 1 .and. size(slots) /= 1) then
+      else if (entry%length == 1 .and. size(token_of) /= 1) then
          rule = 'must be one value'
-      else if (entry%length > 0 .and. size(slots) /= entry%length) then
+      else if (entry%length > 0 .and. size(token_of) /= entry%length) then
          rule = 'must be '//to_text(entry%length)//' values'
       else if ((entry%per_dof < 0 .or. default_size == 0) .and. &
-               any(slots(min(default_size, size(slots)) + 1:) == 0)) then
+               any(token_of(min(default_size, size(token_of)) + 1:) == 0)) then
          rule = 'every value of the list must be given'
       end if
    end subroutine check_length
 
-   !> Converts a token to a word that its entry admits; else `rule` says why not.
-   pure subroutine convert(self, slot, entry, word, rule)
+   !> Converts a token to a value that its entry admits; `rule` is allocated if there is none.
+   pure subroutine convert(self, i_token, entry, word, rule)
       class(reader_type), intent(in) :: self
-      integer, intent(in) :: slot   !! into self%tokens
+      integer, intent(in) :: i_token   !! index into self%tokens
       type(entry_type), intent(in) :: entry
       character(:), allocatable, intent(out) :: word, rule
       integer(long) :: whole
       real(wp) :: number
 
       number = 0.0_wp
-      word = self%text_of(self%tokens(slot))
+      word = self%text_of(self%tokens(i_token))
       select case (entry%kind)
       case ('integer')
          call parse_integer(word, entry%largest, whole, rule)
@@ -339,17 +339,17 @@ contains
             rule = 'must be .true. or .false.'
          word = to_text(index(lowered(word), 't') > 0)
       case default
-         ! the shell takes the quotes of the command line away
-         if (self%tokens(slot)%source == 1 .or. self%tokens(slot)%kind /= token_word) &
-            call take_quotes(word, rule)
+         ! in an option the shell has removed the quotes
+         if (self%tokens(i_token)%source == 1 .or. self%tokens(i_token)%kind /= token_word) &
+            call remove_quotes(word, rule)
          if (entry%choices /= '' .and. .not. allocated(rule)) call choose(entry, word, rule)
       end select
       if (.not. (allocated(rule) .or. entry%rule%admits(number))) &
          rule = 'must be '//entry%rule%text()
    end subroutine convert
 
-   !> Takes the quotes from a text; a doubled quote stands for one.
-   pure subroutine take_quotes(word, rule)
+   !> Removes the quotes of a text; a doubled quote stands for one.
+   pure subroutine remove_quotes(word, rule)
       character(:), allocatable, intent(inout) :: word
       character(:), allocatable, intent(out) :: rule
       character(:), allocatable :: text
@@ -367,9 +367,9 @@ contains
          word = word//text(i:i)
          i = i + merge(2, 1, text(i:i) == text(1:1))
       end do
-   end subroutine take_quotes
+   end subroutine remove_quotes
 
-   !> Replaces a word by the choice that it is, in any case.
+   !> Replaces a word by the choice that it equals up to upper and lower case.
    pure subroutine choose(entry, word, rule)
       type(entry_type), intent(in) :: entry
       character(:), allocatable, intent(inout) :: word

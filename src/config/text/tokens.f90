@@ -1,4 +1,4 @@
-!> Cuts namelist text into tokens that know where they stand.
+!> Splits namelist text into tokens with their places.
 module config_text_tokens
    use core_kinds, only: long
    use core_source, only: source_type
@@ -9,40 +9,40 @@ module config_text_tokens
    public :: token_word, token_name, token_quoted, token_open_quote, token_comma, token_index, &
              token_group, token_end
 
-   integer, parameter :: token_none = 0         !! blanks, a comment
-   integer, parameter :: token_word = 1         !! a number, .true.
-   integer, parameter :: token_name = 2         !! a word before '=', or before an index and '='
-   integer, parameter :: token_quoted = 3       !! 'text', with its quotes
-   integer, parameter :: token_open_quote = 4   !! a quote that is not closed on its line
+   integer, parameter :: token_none = 0         !! blank or comment
+   integer, parameter :: token_word = 1         !! value without quotes: a number, .true.
+   integer, parameter :: token_name = 2         !! word before '=', or before an index and '='
+   integer, parameter :: token_quoted = 3       !! 'text' with its quotes
+   integer, parameter :: token_open_quote = 4   !! quote that is not closed on its line
    integer, parameter :: token_equals = 5, token_comma = 6
-   integer, parameter :: token_index = 7        !! (i) or (i:j), whatever stands in between
+   integer, parameter :: token_index = 7        !! (i) or (i:j), with any text in the parentheses
    integer, parameter :: token_group = 8        !! &name
    integer, parameter :: token_end = 9          !! '/' or &end
-   integer, parameter :: token_stray = 10       !! a parenthesis without the other
+   integer, parameter :: token_stray = 10       !! unpaired parenthesis
 
-   integer, parameter :: most_repeats = 1000000   !! r of r*value is cut there: no list is that long
+   integer, parameter :: most_repeats = 1000000   !! limit of r in r*value; no list is that long
    character(*), parameter :: quotes = '''"', &
                         blanks = ' '//achar(9)//achar(11)//achar(12)//achar(13)//new_line('a')
 
-   !> Text is source%text(first:last).
+   !> A token; its text is source%text(first:last).
    type :: token_type
       integer :: kind = token_word
       integer :: source = 1     !! 1: the scene file, 2: the --set options
       integer :: line = 1
       integer :: first = 1, last = 0
-      integer :: start = 1      !! start of r*value where that stands before it, else first
-      integer :: repeat = 1     !! r of r*value
+      integer :: start = 1      !! first character with a preceding r*; without one equal to first
+      integer :: repeat = 1     !! r in r*value
    end type token_type
 
 contains
 
-   !> Cuts a part of a source into tokens. On the command line `/`, `!` and `&` are ordinary
+   !> Splits a part of a source into tokens. In --set options `/`, `!` and `&` are ordinary
    !> characters.
    pure subroutine tokenize(source, number, line, first, last, tokens)
       type(source_type), intent(in) :: source
       integer, intent(in) :: number        !! 1: the scene file, 2: the --set options
-      integer, intent(in) :: line          !! of the first character
-      integer, intent(in) :: first, last   !! characters
+      integer, intent(in) :: line          !! line of the first character
+      integer, intent(in) :: first, last   !! range of characters in source%text
       type(token_type), allocatable, intent(out) :: tokens(:)
       type(token_type) :: token
       integer :: line_here, n, position
@@ -66,9 +66,9 @@ contains
       tokens = tokens(:n)
    end subroutine tokenize
 
-   !> Finds that the word before '=', or before an index and '=', is a name.
+   !> Marks the word before '=', or before an index and '=', as a name.
    pure subroutine mark_name(before)
-      type(token_type), intent(inout) :: before(:)
+      type(token_type), intent(inout) :: before(:)   !! all tokens before '='
       integer :: i
 
       i = size(before)
@@ -116,7 +116,7 @@ contains
       end if
    end subroutine classify
 
-   !> Takes r* from the beginning of a word; what stands behind it may be quoted.
+   !> Splits r*value into the number of repeats and the value, which may be quoted.
    pure subroutine split_repeat(text, token)
       character(*), intent(in) :: text
       type(token_type), intent(inout) :: token
@@ -134,8 +134,7 @@ contains
       if (scan(text(token%first:token%first), quotes) == 1) call close_quote(text, token)
    end subroutine split_repeat
 
-   !> Finds the end of the text whose opening quote is at token%first; a doubled quote stands for
-   !> one.
+   !> Finds the end of the quoted text that begins at token%first; a doubled quote stands for one.
    pure subroutine close_quote(text, token)
       character(*), intent(in) :: text
       type(token_type), intent(inout) :: token
@@ -157,7 +156,7 @@ contains
       token%last = min(i, limit)
    end subroutine close_quote
 
-   !> Last position before the line feed.
+   !> Position of the last character before the next line feed.
    pure integer function end_of_line(text, position)
       character(*), intent(in) :: text
       integer, intent(in) :: position
@@ -166,17 +165,14 @@ contains
       if (end_of_line < position - 1) end_of_line = len(text)
    end function end_of_line
 
+   !> Position of the last character of the word that begins at `position`.
    pure integer function end_of_word(text, position, is_file)
       character(*), intent(in) :: text
       integer, intent(in) :: position
       logical, intent(in) :: is_file
-      character(*), parameter :: ends = blanks//'=,()'//quotes
 
-      if (is_file) then
-         end_of_word = scan(text(position:), ends//'/!&$') + position - 2
-      else
-         end_of_word = scan(text(position:), ends) + position - 2
-      end if
+      end_of_word = scan(text(position:), blanks//'=,()'//quotes// &
+                         merge('/!&$', '    ', is_file)) + position - 2
       if (end_of_word < position - 1) end_of_word = len(text)
    end function end_of_word
 

@@ -1,7 +1,7 @@
-!> Entries of a group's table, one a value, and the visitors of such a table; one of them lists it.
+!> Table of the values of a group: an entry with name, unit, rule and meaning for each value.
 !>
-!> Reading with defaults, checking, the template, the scene reference and the fingerprint all walk
-!> the same tables: each group lists its entries once, in its procedure `visit`.
+!> Each group lists its entries once, in its procedure `visit_*`. A visitor of that table reads the
+!> values, or lists them for the template, the scene reference and the fingerprint.
 module config_text_value_table
    use core_kinds, only: long, wp
    use core_table, only: words_of
@@ -9,12 +9,12 @@ module config_text_value_table
    implicit none(type, external)
    private
    public :: entry_type, lister_type, row_type, rule_type, visitor_type, word_type
-   public :: between, inside, not_negative, positive
+   public :: closed_interval, open_interval, not_negative, positive
    public :: choice_length, name_length
 
    integer, parameter :: name_length = 24, choice_length = 16, doc_length = 132
 
-   !> The interval that a number must lie in.
+   !> Interval that a number must lie in.
    type :: rule_type
       real(wp) :: lower = -huge(1.0_wp), upper = huge(1.0_wp)
       logical :: excludes_lower = .false., excludes_upper = .false.
@@ -26,32 +26,32 @@ module config_text_value_table
    type(rule_type), parameter :: positive = rule_type(lower=0.0_wp, excludes_lower=.true.), &
                                  not_negative = rule_type(lower=0.0_wp)
 
-   !> One value of a group: its name, meaning, unit, rule and choices.
+   !> Description of one value or list of a group.
    type :: entry_type
       character(name_length) :: name
-      character(doc_length) :: doc = ''
+      character(doc_length) :: doc = ''        !! meaning
       character(8) :: unit = ''
       type(rule_type) :: rule
-      character(64) :: choices = ''   !! texts to choose from, with blanks between; '': any text
-      integer :: length = 0                         !! lists: the number of values; 0: any
-      integer :: per_dof = -1                       !! lists: dofs; one value stands for all
+      character(64) :: choices = ''            !! permitted texts, blanks between; '': any text
+      integer :: length = 0                    !! number of values of a list; 0: any
+      integer :: per_dof = -1                  !! dofs, for a list of one value or one per dof
       logical :: is_list = .false.
-      character(7) :: kind = 'real'                 !! or integer, logical, text
-      integer(long) :: largest = huge(1)            !! whole number
-      character(doc_length) :: default = ''         !! in words, where no value says it
+      character(7) :: kind = 'real'            !! or 'integer', 'logical', 'text'
+      integer(long) :: largest = huge(1)       !! largest magnitude of an integer
+      character(doc_length) :: default = ''    !! the default in words, if it is no fixed value
       logical :: is_required = .false.
-      logical :: shapes_samples = .true.            !! no: left out of the fingerprint
-      logical :: is_used = .true.                   !! no: without effect beside the other values
+      logical :: in_fingerprint = .true.       !! true if the value can change a sample
+      logical :: is_used = .true.              !! false if other values leave it without effect
    contains
       procedure :: choices_text
    end type entry_type
 
-   !> A value as a scene gives it, text without its quotes.
+   !> A value as written in a scene; text without its quotes.
    type :: word_type
       character(:), allocatable :: text
    end type word_type
 
-   !> Walks the table of a group, whose values it sees as words. A list without default is empty.
+   !> Visitor of the table of a group. It gets values as words; a list without default is empty.
    type, abstract :: visitor_type
    contains
       generic :: visit => visit_value, visit_integers, visit_reals
@@ -64,22 +64,22 @@ module config_text_value_table
    end type visitor_type
 
    abstract interface
-      !> Visits the values of an entry, or their defaults, which it may replace.
+      !> Reads or replaces the values of an entry.
       subroutine visit_words(self, words, entry)
          import :: entry_type, visitor_type, word_type
          class(visitor_type), intent(inout) :: self
-         type(word_type), allocatable, intent(inout) :: words(:)
+         type(word_type), allocatable, intent(inout) :: words(:)   !! defaults on entry
          type(entry_type), intent(in) :: entry
       end subroutine visit_words
    end interface
 
-   !> An entry, with its value as a scene would give it.
+   !> An entry and its value.
    type :: row_type
       type(entry_type) :: entry
-      character(:), allocatable :: value     !! empty: none
+      character(:), allocatable :: value     !! as written in a scene; '' if there is none
    end type row_type
 
-   !> Collects the rows of the tables that it visits; lists that nobody set get their defaults.
+   !> Visitor that lists the rows of the tables that it visits.
    type, extends(visitor_type) :: lister_type
       type(row_type), allocatable :: rows(:)
    contains
@@ -128,7 +128,7 @@ contains
       end select
    end subroutine visit_value
 
-   !> Visits any text; its default is the empty one.
+   !> Visits any text; its default is ''.
    subroutine visit_text(self, value, entry)
       class(visitor_type), intent(inout) :: self
       character(:), allocatable, intent(inout) :: value
@@ -146,7 +146,7 @@ contains
       value = words(1)%text
    end subroutine visit_text
 
-   !> Visits a list of whole numbers as one of reals, which hold them exactly.
+   !> Visits a list of integers as one of reals, which represent them exactly.
    subroutine visit_integers(self, values, entry, default)
       class(visitor_type), intent(inout) :: self
       integer, allocatable, intent(inout) :: values(:)
@@ -162,6 +162,7 @@ contains
       values = nint(numbers)
    end subroutine visit_integers
 
+   !> Visits a list of real numbers.
    subroutine visit_reals(self, values, entry, default)
       class(visitor_type), intent(inout) :: self
       real(wp), allocatable, intent(inout) :: values(:)
@@ -212,14 +213,14 @@ contains
       end do
    end subroutine visit_choices
 
-   !> The number that a word is.
+   !> Number that a word holds.
    pure real(wp) function number_in(word) result(number)
       type(word_type), intent(in) :: word
 
       read (word%text, *) number
    end function number_in
 
-   !> Lists the values; equal values, where one stands for all dofs, as one.
+   !> Appends a row with the values of an entry. Equal values of all dofs become one value.
    subroutine list_words(self, words, entry)
       class(lister_type), intent(inout) :: self
       type(word_type), allocatable, intent(inout) :: words(:)
@@ -245,7 +246,7 @@ contains
       self%rows = [self%rows, row]
    end subroutine list_words
 
-   !> Text in quotes, those within doubled.
+   !> Text in quotes; quotes in it are doubled.
    pure function quoted(text)
       character(*), intent(in) :: text
       character(:), allocatable :: quoted
@@ -259,7 +260,7 @@ contains
       quoted = quoted//"'"
    end function quoted
 
-   !> 'one', 'another' or 'a third'.
+   !> List of the choices: 'one', 'another' or 'a third'.
    pure function choices_text(self) result(text)
       class(entry_type), intent(in) :: self
       character(:), allocatable :: text
@@ -275,20 +276,21 @@ contains
       end do
    end function choices_text
 
-   !> The ends belong to it.
-   elemental type(rule_type) function between(lower, upper)
+   !> Rule lower <= value <= upper.
+   elemental type(rule_type) function closed_interval(lower, upper)
       real(wp), intent(in) :: lower, upper
 
-      between = rule_type(lower, upper)
-   end function between
+      closed_interval = rule_type(lower, upper)
+   end function closed_interval
 
-   !> The ends do not belong to it.
-   elemental type(rule_type) function inside(lower, upper)
+   !> Rule lower < value < upper.
+   elemental type(rule_type) function open_interval(lower, upper)
       real(wp), intent(in) :: lower, upper
 
-      inside = rule_type(lower, upper, .true., .true.)
-   end function inside
+      open_interval = rule_type(lower, upper, .true., .true.)
+   end function open_interval
 
+   !> True if a value lies in the interval.
    elemental logical function admits(self, value)
       class(rule_type), intent(in) :: self
       real(wp), intent(in) :: value
@@ -298,7 +300,7 @@ contains
       if (self%excludes_upper) admits = admits .and. value < self%upper
    end function admits
 
-   !> Text after `must be`: `positive`, `from 1 to 200`; empty where every number will do.
+   !> Text of the rule after `must be`: `positive`, `from 1 to 200`; '' if every number is admitted.
    pure function rule_text(self) result(text)
       class(rule_type), intent(in) :: self
       character(:), allocatable :: text
@@ -318,7 +320,7 @@ contains
       end if
    end function rule_text
 
-   !> Whole numbers without their decimal point.
+   !> Number as text, an integer without a decimal point.
    pure function short(value) result(text)
       real(wp), intent(in) :: value
       character(:), allocatable :: text
