@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib import pyplot as plt
 
-KAPPA, STIFFNESS, REACH = 1.0, 0.5, 1.0  # h^2 k/m of the joint, h^2 k/m of the rest, mu N/k
+KAPPA, STIFFNESS, REACH = 2.5, 0.3, 1.0  # h^2 k/m of the joint, h^2 k/m of the rest, mu N/k
 DEGREE = 12
 
 
@@ -25,7 +25,7 @@ def series(x0: float, x1: float, stiffness: float, pull: float) -> np.ndarray:
 
 def draw(path: Path) -> None:
     """Upper axes: both paths; lower axes: the guard."""
-    stuck = series(0.45, 1.15, STIFFNESS + KAPPA, 0.0)
+    stuck = series(0.1, 2.4, STIFFNESS + KAPPA, 0.0)
     time = np.linspace(0.0, 1.0, 401)
     before = np.polyval(stuck[::-1], time)
     tau = time[np.argmax(before > REACH)]
@@ -33,14 +33,15 @@ def draw(path: Path) -> None:
     slip = series(REACH, speed, STIFFNESS, -KAPPA * REACH)
     after = np.polyval(slip[::-1], time - tau)
 
-    figure, (above, below) = plt.subplots(2, 1, figsize=(6.4, 4.6), sharex=True)
-    above.plot(time, before, "C0--", label="series of the whole part, stuck")
-    above.plot(time[time <= tau], before[time <= tau], "C0", lw=2)
+    figure, (above, below) = plt.subplots(
+        2, 1, figsize=(6.4, 5.2), sharex=True, height_ratios=(3, 2)
+    )
+    above.plot(time, before, "C0--", lw=2, label="series of the whole part, stuck")
     above.plot(time[time >= tau], after[time >= tau], "C3", lw=2, label="after the transition")
     above.axhline(REACH, color="0.6", lw=0.8)
-    above.annotate("z + mu N/k", (0.02, REACH + 0.01), color="0.4")
+    above.annotate("z + mu N/k", (0.02, REACH + 0.03), color="0.4")
     above.annotate("", (1.0, after[-1]), (1.0, before[-1]), arrowprops={"arrowstyle": "->"})
-    above.annotate("d(1 - tau)", (0.87, 0.5 * (after[-1] + before[-1])))
+    above.annotate("d(1 - tau)", (1.0, before[-1] - 0.03), ha="right", va="top")
     above.set(ylabel="path w.x")
     above.legend(frameon=False, loc="lower right")
     guard = REACH - before
@@ -48,10 +49,11 @@ def draw(path: Path) -> None:
     below.plot([0.0, 1.0], guard[[0, -1]], "0.6", lw=0.8, label="its chord")
     below.axhline(0.0, color="0.6", lw=0.8)
     below.plot(tau, 0.0, "ko", ms=4)
-    below.annotate("tau", (tau, 0.03))
-    below.set(xlabel="time in parts of a step", ylabel="guard", xlim=(0.0, 1.02))
+    below.annotate("tau", (tau + 0.01, 0.03))
+    below.set(xlabel="time t, 0 to 1 over the part", ylabel="guard", xlim=(0.0, 1.02))
     below.legend(frameon=False)
     figure.tight_layout()
+    figure.align_ylabels()
     figure.savefig(path, metadata={"Date": None})
 
 
