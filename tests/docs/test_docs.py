@@ -210,7 +210,7 @@ def test_python_works_as_written(as_written, tmp_path):
     said = as_written(
         "build/release/bin/entroslip run input/smallest.nml --output smallest.h5\n"
         "build/release/bin/entroslip replay input/smallest.nml --case 1 --sample 3"
-        " --output odd.h5\n"
+        " --output one.h5\n"
         "export PYTHONPATH=$PWD MPLBACKEND=agg\n"
         "for block in block_*.py; do .venv/bin/python $block; done\n"
     )
