@@ -140,7 +140,7 @@ def positive_processes(bench: Bench) -> Iterator[Row]:
         for order in HIGHER_ORDERS
         for law in LAWS
     ):
-        named = re.search(r"std/mean ends at ([\d.]+\d)", str(p.get("reason", "")))
+        named = re.search(r"ends at std/mean = ([\d.]+\d)", str(p.get("reason", "")))
         yield row_of(p, float(named[1]) if named else "")
 
 

@@ -19,8 +19,8 @@ module process_positive_family
    real(wp), parameter :: golden = 0.61803398874989485_wp   !! multiples are spread evenly modulo 1
 
    !> (ln factor of a symbol, its free s_m, coordinate), (atanh(kappa_1..kappa_order), coordinate),
-   !> (a_1..a_order, coordinate), or (G_1..G_order over G_0, coordinate): of the last two no
-   !> Gaussian process need exist.
+   !> (asinh(a_1..a_order), coordinate), or (asinh(G_1..G_order over G_0), coordinate): of the last
+   !> two no Gaussian process need exist, and coefficients may grow as b0 does, without bound.
    integer, parameter :: by_symbol = 1, free = 2, by_coefficients = 3, by_precision = 4
 
    !> How points become parameters.
@@ -40,6 +40,7 @@ module process_positive_family
       procedure :: is_weak
       procedure :: all_signs
       procedure :: set_free
+      procedure :: add_face
       procedure :: room
       procedure :: unfold
    end type parameter_family
@@ -137,6 +138,18 @@ contains
       point = [point(1), self%s(lags), point(size(point))]
    end subroutine set_free
 
+   !> Puts a point onto the face of this lag: its coefficient follows from the others from now on.
+   pure subroutine add_face(self, lag, point)
+      class(parameter_family), intent(inout) :: self   !! by_coefficients or by_precision
+      integer, intent(in) :: lag
+      real(wp), allocatable, intent(inout) :: point(:)
+      integer :: i
+
+      i = count(self%faces < lag)
+      point = [point(:lag - i - 1), point(lag - i + 1:)]
+      self%faces = [self%faces(:i), lag, self%faces(i + 1:)]
+   end subroutine add_face
+
    !> a_q, or 2 G_m/G_0, lags 1..order: those of faces from the others.
    pure function couplings(family, point) result(all_lags)
       type(parameter_family), intent(in) :: family
@@ -144,7 +157,7 @@ contains
       real(wp), allocatable :: all_lags(:)
       integer :: i
 
-      all_lags = merge(2.0_wp, 1.0_wp, family%kind == by_precision)*point(:size(point) - 1)
+      all_lags = merge(2.0_wp, 1.0_wp, family%kind == by_precision)*sinh(point(:size(point) - 1))
       do i = 1, size(family%faces)
          associate (p => family%faces(i))
             all_lags = [all_lags(:p - 1), 0.0_wp, all_lags(p:)]

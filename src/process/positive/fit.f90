@@ -64,26 +64,28 @@ contains
          call fit_sampled(request, seed, model, error)
       end if
       if (allocated(error)) then
-         call name_order_2(request, seed, error)
+         call name_lower_order(request, seed, error)
          return
       end if
       call look_beside(request, seed, model)
    end subroutine fit_near_zero
 
-   !> Adds to a refusal of both lengths that order 2, where they leave nothing to search, has them.
-   recursive subroutine name_order_2(request, seed, error)
+   !> Adds to a refusal that a lower order, which this order contains, has such a process: order 1,
+   !> solved by quadrature, or of both lengths order 2, which they leave nothing to search.
+   recursive subroutine name_lower_order(request, seed, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(error_type), intent(inout) :: error
       type(process_request) :: lower
       type(process_model_type) :: other
 
-      if (request%correlation /= 'both' .or. request%order <= 2) return
       lower = request
-      lower%order = 2
+      lower%order = merge(2, 1, request%correlation == 'both')
+      if (request%method == 'direct' .or. request%order <= lower%order) return
       call fit_positive(lower, seed, other)
-      if (other%is_solved) error%message = error%message//'; order = 2 has both'
-   end subroutine name_order_2
+      if (other%is_solved) error%message = error%message//'; order = '//to_text(lower%order)// &
+                                           ' has such a process'
+   end subroutine name_lower_order
 
    !> Solves on simulated values: on the branch of the unconstrained process or, where that has
    !> ended before, on the alternating one; where some K(m) have changed their sign on the way, on

@@ -17,7 +17,7 @@ module process_positive_search
    use numerics_constrained_maximum, only: search_result
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_request
-   use process_positive_family, only: by_coefficients, by_precision, by_symbol
+   use process_positive_family, only: by_coefficients, by_precision, by_symbol, free
    use process_positive_first_order, only: find_limit, match_branch
    use process_positive_kernel, only: first_order_law
    use process_positive_objective, only: new_objective, sampled_objective
@@ -29,6 +29,7 @@ module process_positive_search
    public :: follow_alternating, follow_unconstrained
 
    integer, parameter :: search_steps = 128   !! of a batch
+   real(wp), parameter :: inside = 0.97_wp    !! start of a climb from order 1, over its limit
 
 contains
 
@@ -66,6 +67,8 @@ contains
          ! far from the start another branch may have the targets too
          if (limit > 0.0_wp .and. (i > 0 .or. law%family%is_near(law%point))) exit
       end do
+      if (.not. law%found%is_converged .and. law%family%kind == free .and. &
+          request%correlation /= 'both') call climb_from_order_1()
       if (request%correlation == 'both' .and. all(law%signs > 0.0_wp)) &
          law%problem%request%branch = 'nonnegative'
       if (law%found%is_converged) then
@@ -102,6 +105,30 @@ contains
          call law%settle()
       end subroutine start_at
 
+      !> Climbs once more, with an effort of its own, from the process of order 1 of the wanted
+      !> std/mean or just below its limit. The first climb may have followed maxima that end before
+      !> others do.
+      subroutine climb_from_order_1()
+         type(process_request) :: one
+         type(first_order_law) :: first
+         type(error_type), allocatable :: failure
+         real(wp) :: farther
+
+         one = request
+         one%order = 1
+         call find_limit(one, .false., farther, failure)
+         if (.not. allocated(failure)) then
+            one%std = min(ratio, inside*farther)*request%mean
+            call match_branch(one, .false., first, failure)
+         end if
+         if (allocated(failure)) return
+         law%effort = 0.0_wp
+         law%found = search_result()
+         call start_from_order_1(law, first)
+         call climb(law, one%std/request%mean, ratio, farther)
+         limit = max(limit, farther)
+      end subroutine climb_from_order_1
+
    end subroutine follow_unconstrained
 
    !> Follows the branch of alternating K(m) from order 1 to the wanted order and std/mean. Fails
@@ -111,7 +138,6 @@ contains
       integer(long), intent(in) :: seed
       type(sampled_objective), intent(inout) :: law   !! at first its effort and bound alone
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: inside = 0.97_wp   ! of the limit of order 1, beyond it
       integer, parameter :: max_passes = 4
       type(process_request) :: one
       type(first_order_law) :: first
@@ -131,10 +157,7 @@ contains
          call begin(request, seed, law, error, decay)
          if (allocated(error)) return
          law%family%kind = merge(by_precision, by_coefficients, law%problem%is_exact)
-         law%point = [-first%r, spread(0.0_wp, 1, request%order - 1), asinh(first%field)]
-         law%last%moments%mean = first%mean
-         law%last%moments%std = first%std
-         call law%settle()
+         call start_from_order_1(law, first)
          call climb(law, one%std/request%mean, request%std/request%mean, limit)
          if (.not. limit > 0.0_wp .and. .not. law%is_exhausted()) then
             one%std = 0.8_wp*one%std   ! a climb from further below
@@ -147,6 +170,21 @@ contains
       end do
       call refuse(law, 'alternating K(m)', limit, error)
    end subroutine follow_alternating
+
+   !> Starts at a process of order 1, which every order contains.
+   subroutine start_from_order_1(law, first)
+      type(sampled_objective), intent(inout) :: law   !! of any family but that of a symbol
+      type(first_order_law), intent(in) :: first
+      real(wp) :: first_unknown
+
+      first_unknown = asinh(-first%r)
+      if (law%family%kind == free) first_unknown = atanh(-first%r)
+      law%point = [first_unknown, spread(0.0_wp, 1, law%problem%request%order - 1), &
+                   asinh(first%field)]
+      law%last%moments%mean = first%mean
+      law%last%moments%std = first%std
+      call law%settle()
+   end subroutine start_from_order_1
 
    !> Begins the search for a request; its effort is counted on.
    subroutine begin(request, seed, law, error, decay, sequence)

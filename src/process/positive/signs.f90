@@ -30,7 +30,7 @@ contains
       integer, parameter :: max_iterations(2) = [25, 80]   ! with a Gaussian process, and without
       real(wp), allocatable :: room(:)
       real(wp) :: tolerance
-      integer :: i, p
+      integer :: p
       logical :: is_gaussian
 
       is_gaussian = law%family%kind == free .or. law%family%kind == by_symbol
@@ -43,14 +43,10 @@ contains
          if (law%found%is_converged .or. is_gaussian .or. law%is_exhausted() .or. &
              size(law%point) <= law%n_constraints) return
          room = law%family%room(law%point)
-         associate (faces => law%family%faces)
-            room(faces) = huge(near)
-            p = minloc(room, 1)
-            if (room(p) > near) return
-            i = count(faces < p)
-         end associate
-         law%point = [law%point(:p - i - 1), law%point(p - i + 1:)]
-         law%family%faces = [law%family%faces(:i), p, law%family%faces(i + 1:)]
+         room(law%family%faces) = huge(near)
+         p = minloc(room, 1)
+         if (room(p) > near) return
+         call law%family%add_face(p, law%point)
       end do
    end subroutine find_maximum
 
