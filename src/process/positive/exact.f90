@@ -1,25 +1,23 @@
-!> The law of Eq. (25) on positive values, in an infinite domain: sampled by redrawing one value at
-!> a time, given its neighbours on both sides (Gibbs), on rings much longer than the memory.
+!> Simulates the law of Eq. (25) on positive values in an infinite domain: values of a ring, much
+!> longer than the memory, are redrawn one at a time given their neighbours (Gibbs).
 !>
-!> The redrawn value is truncated normal; all values move monotonically and by less than their
-!> neighbours do, so that two rings driven by the same numbers approach each other at a rate known
-!> beforehand: the number of sweeps that forgets the start is computed, not guessed. Everything is
-!> in units of b0.
+!> A redrawn value is truncated normal and moves by less than its neighbours do. Two rings with the
+!> same random numbers therefore approach each other at a known rate, which gives the number of
+!> sweeps that forgets the start. Everything is in units of b0.
 !>
-!> Normalizing constant and entropy come by integration over the strength of the correlation. With z
-!> = x/b0 the density is exp(- z'Gz/2 + field sum z)/Z, and psi is ln Z per point. Where all entries
-!> of G off its diagonal are multiplied by t, psi is known at t = 0, and its derivative is
-!> - sum G_k E[z_i z_(i+k)]: averages sampled at Gauss nodes give psi at t = 1. No law on the way is
-!> more correlated than the last one.
+!> Thermodynamic integration gives the normalizing constant and the entropy. With z = x/b0 the
+!> density is exp(- z'Gz/2 + field sum z)/Z, and psi is ln Z per point. If the entries of G off its
+!> diagonal are multiplied by t, psi is known at t = 0 and has the derivative
+!> - sum G_k E[z_i z_(i+k)], which is sampled at Gauss nodes up to t = 1.
 module process_positive_exact
    use core_kinds, only: wp
    use core_random, only: stream_type
    use numerics_quadrature, only: gauss_legendre
    use process_autoregressive_spectral_factor, only: equivalent_process, reciprocal_of_process, &
-      symbol_of_process
+                                                     symbol_of_process
    use process_positive_moments, only: add_products, batch_averages, estimate_products, new_batches
    use process_positive_truncated_normal, only: draw_truncated_lanes, lanes, log_acceptance, &
-      log_sqrt_two_pi, truncated_variance
+                                                log_sqrt_two_pi, truncated_variance
    implicit none(type, external)
    private
    public :: sweeps_to_forget, sample_exact, draw_window
@@ -27,26 +25,24 @@ module process_positive_exact
 
    real(wp), parameter :: between_nodes = 1.0e-6_wp   !! error of the integration at L0 = 10
 
-   !> Rings of values side by side, one per lane; or one ring wound over all lanes.
+   !> Rings of values, one per lane, or one ring wound over all lanes.
    type :: ring_type
       integer :: length = 0              !! values per lane
-      integer :: history = 0             !! values that are kept before them too
-      logical :: is_wound = .false.      !! the next lane continues where this one ends
+      integer :: history = 0             !! copies of values that are kept before the first one
+      logical :: is_wound = .false.      !! true: one ring, which the next lane continues
       real(wp) :: field = 0.0_wp         !! mu (G_0 + 2 sum G_m)
       real(wp) :: centre = 0.0_wp        !! start of every value, near the mean
-      real(wp), allocatable :: g(:)      !! (0:order) precision of the law, Eq. (25)
+      real(wp), allocatable :: g(:)      !! (0:order) row of the precision matrix G, Eq. (25)
       real(wp), allocatable :: d(:, :)   !! (lane, 1-history:length+order) x - centre
-      !> (0:order) precision of the linear companion; unallocated: none
-      real(wp), allocatable :: h(:)
-      real(wp), allocatable :: y(:, :)   !! as d
-      real(wp), allocatable :: u(:)      !! numbers of a sweep
+      real(wp), allocatable :: h(:)      !! (0:order) G of the companion; not allocated: none
+      real(wp), allocatable :: y(:, :)   !! values of the companion, as d
+      real(wp), allocatable :: u(:)      !! random numbers of a sweep
    end type ring_type
 
 contains
 
-   !> Sweeps after which a start has lost all but `tolerance` of its weight: the rate of the
-   !> Gaussian law of this variance and length, the smallest over the mean of 1/(power spectral
-   !> density).
+   !> Sweeps after which the weight of a start is below `tolerance`, at the rate of the Gaussian law
+   !> of this variance and length: the smallest over the mean of 1/(power spectral density).
    pure function sweeps_to_forget(strength, l0, tolerance) result(n)
       real(wp), intent(in) :: strength   !! G_0 K(0)
       real(wp), intent(in) :: l0         !! [lags]
@@ -59,8 +55,8 @@ contains
               4)
    end function sweeps_to_forget
 
-   !> Samples averages over batches, a lane over a stretch of sweeps each; rows as in the sequential
-   !> law, without acceptance sums.
+   !> Simulates rings and averages over batches, each one lane over part of the sweeps; without
+   !> acceptance sums.
    subroutine sample_exact(g, field, companion, centre, ring_length, n_burn_in, n_sweeps, stream, &
                            batches)
       real(wp), intent(in) :: g(0:)          !! row of G, lags 0..order
@@ -69,8 +65,8 @@ contains
       real(wp), intent(in) :: companion(:)
       real(wp), intent(in) :: centre         !! start, near the mean
       integer, intent(in) :: ring_length     !! much longer than the memory, and than all lags
-      integer, intent(in) :: n_burn_in       !! sweeps
-      integer, intent(in) :: n_sweeps        !! of a batch
+      integer, intent(in) :: n_burn_in       !! sweeps before the first batch
+      integer, intent(in) :: n_sweeps        !! sweeps of a batch
       type(stream_type), intent(inout) :: stream
       type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
       type(ring_type) :: ring
@@ -82,12 +78,12 @@ contains
       ring%h = symbol_of_process(companion, 1.0_wp)
       ring%y = ring%d
       do sweep = 1, n_burn_in
-         call redraw(ring, stream)
+         call redraw_ring(ring, stream)
       end do
       do stretch = 1, size(batches%x, 2)/lanes
          sums = 0.0_wp
          do sweep = 1, n_sweeps
-            call redraw(ring, stream)
+            call redraw_ring(ring, stream)
             call add_products(ring%history, ring%length, batches%n_single, batches%n_lags, ring%d, &
                               sums(:, :, 1))
             call add_products(ring%history, ring%length, batches%n_single, batches%n_lags, ring%y, &
@@ -100,12 +96,12 @@ contains
       end do
    end subroutine sample_exact
 
-   !> Draws consecutive values of one stationary run, from a ring that has forgotten its start and
-   !> is longer than they are by margins beyond the memory.
+   !> Draws consecutive values of one stationary run from a ring that has forgotten its start, with
+   !> margins longer than the memory.
    subroutine draw_window(g, field, start, margin, n_sweeps, stream, values)
       real(wp), intent(in) :: g(0:), field  !! see `sample_exact`
       real(wp), intent(in) :: start         !! near the mean
-      integer, intent(in) :: margin         !! steps beyond which nothing is felt
+      integer, intent(in) :: margin         !! steps after which correlation is negligible
       integer, intent(in) :: n_sweeps
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
@@ -115,7 +111,7 @@ contains
       ring = new_ring(g, field, start, max((size(values) + 2*margin + lanes - 1)/lanes, size(g)), &
                       ubound(g, 1), .true.)
       do sweep = 1, n_sweeps
-         call redraw(ring, stream)
+         call redraw_ring(ring, stream)
       end do
       do n = 1, size(values)
          values(n) = start + ring%d((n - 1)/ring%length + 1, modulo(n - 1, ring%length) + 1)
@@ -138,17 +134,17 @@ contains
       allocate (ring%u(lanes*length))
    end function new_ring
 
-   !> Redraws every value given its neighbours: one sweep. Places as far apart as a lane is long do
-   !> not see each other, so that all lanes move at once.
-   subroutine redraw(ring, stream)
+   !> Redraws every value given its neighbours: one sweep. All lanes move at once, because places a
+   !> lane apart are no neighbours.
+   subroutine redraw_ring(ring, stream)
       type(ring_type), intent(inout) :: ring
       type(stream_type), intent(inout) :: stream
 
       call stream%uniforms(ring%u)
-      ! a companion that is not allocated is absent
+      ! h and y that are not allocated are absent arguments
       call redraw_lanes(ring%history, ring%is_wound, ring%field, ring%centre, ring%g, ring%u, &
                         ring%d, ring%h, ring%y)
-   end subroutine redraw
+   end subroutine redraw_ring
 
    pure subroutine redraw_lanes(history, is_wound, field, centre, g, u, d, h, y)
       integer, intent(in) :: history
@@ -166,18 +162,19 @@ contains
       scale = 1.0_wp/sqrt(g(0))
       pull = field - 2.0_wp*centre*sum(g(1:))
       do i = 1, length
-         c = scale*(pull - neighbours(order, g, d(:, i - order:i + order)))
+         c = scale*(pull - neighbour_sum(order, g, d(:, i - order:i + order)))
          call draw_truncated_lanes(c, u(lanes*(i - 1) + 1:lanes*i), drawn, hazard, factor)
-         call place(length, order, history, is_wound, i, scale*drawn - centre, d)
+         call store_value(length, order, history, is_wound, i, scale*drawn - centre, d)
          if (.not. present(y)) cycle
          drawn = (drawn - c - hazard)/sqrt(truncated_variance(c, hazard))
-         call place(length, order, history, is_wound, i, &
-                    drawn/sqrt(h(0)) - neighbours(order, h, y(:, i - order:i + order))/h(0), y)
+         call store_value(length, order, history, is_wound, i, &
+                          drawn/sqrt(h(0)) &
+                          - neighbour_sum(order, h, y(:, i - order:i + order))/h(0), y)
       end do
    end subroutine redraw_lanes
 
    !> Sum of G_k (x_(i+k) + x_(i-k)).
-   pure function neighbours(order, g, x) result(total)
+   pure function neighbour_sum(order, g, x) result(total)
       integer, intent(in) :: order
       real(wp), intent(in) :: g(0:order), x(lanes, -order:order)
       real(wp) :: total(lanes)
@@ -190,10 +187,10 @@ contains
             total(lane) = total(lane) + g(k)*(x(lane, k) + x(lane, -k))
          end do
       end do
-   end function neighbours
+   end function neighbour_sum
 
-   !> Stores a value, and its copy beyond the other end of the ring.
-   pure subroutine place(length, order, history, is_wound, i, value, x)
+   !> Stores a value, and its copies beyond the ends of the ring.
+   pure subroutine store_value(length, order, history, is_wound, i, value, x)
       integer, intent(in) :: length, order, history, i
       logical, intent(in) :: is_wound
       real(wp), intent(in) :: value(lanes)
@@ -202,10 +199,9 @@ contains
       x(:, i) = value
       if (i <= order) x(:, length + i) = merge(cshift(value, 1), value, is_wound)
       if (i > length - history) x(:, i - length) = merge(cshift(value, -1), value, is_wound)
-   end subroutine place
+   end subroutine store_value
 
-   !> Computes psi, and its standard error. A start is forgotten at the rate 1 - t (1 - gap): the
-   !> sooner, the weaker the correlation.
+   !> Computes psi, and its standard error. A start is forgotten at the rate 1 - t (1 - gap).
    subroutine log_partition(g, field, ring_length, n_burn_in, n_sweeps, stream, psi, standard_error)
       real(wp), intent(in) :: g(0:), field  !! see `sample_exact`
       integer, intent(in) :: ring_length
@@ -213,9 +209,9 @@ contains
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: psi, standard_error
       integer, parameter :: n_nodes = 16
-      real(wp), parameter :: wanted = 5.76_wp   ! ln(1e5)/2, of a start as in `sweeps_to_forget`
+      real(wp), parameter :: wanted = 5.76_wp   ! ln(1e5)/2: tolerance of the burn-in
       real(wp) :: error, gap, mu, nodes(n_nodes), slope, symbol(0:ubound(g, 1)), t(n_nodes), &
-         variance, weights(n_nodes)
+                  variance, weights(n_nodes)
       integer :: i
 
       mu = max(field, 0.0_wp)/(g(0) + 2.0_wp*sum(g(1:)))
@@ -243,13 +239,13 @@ contains
       standard_error = norm2([sqrt(variance), between_nodes])
    end subroutine log_partition
 
-   !> Estimates - sum G_k E[(z_i - mu)(z_(i+k) - mu)], k > 0, under the law of this G, centred on
-   !> mu. Where G is indefinite its companion is that of a G of weaker correlation.
+   !> Estimates - sum G_k E[(z_i - mu)(z_(i+k) - mu)], k > 0, under the law of this G. If G is
+   !> indefinite the companion is that of a weaker correlation.
    subroutine sample_slope(g, mu, field, ring_length, n_burn_in, n_sweeps, stream, slope, &
                            standard_error)
       real(wp), intent(in) :: g(0:)
       real(wp), intent(in) :: mu             !! not negative
-      real(wp), intent(in) :: field          !! a further one, not positive
+      real(wp), intent(in) :: field          !! not positive, in addition to that of mu
       integer, intent(in) :: ring_length, n_burn_in, n_sweeps
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: slope, standard_error
@@ -278,7 +274,7 @@ contains
       call estimate_products(batches, companion, weights, slope, standard_error)
    end subroutine sample_slope
 
-   !> Entropy per point of x/b0, by E[x_i (G (x - mu))_i] = 1: Eq. (43) with its factor 1/2.
+   !> Entropy per point of x/b0 [nat], by E[x_i (G (x - mu))_i] = 1: Eq. (43) with its factor 1/2.
    elemental function entropy_of_exact_law(psi, field, mean) result(entropy)
       real(wp), intent(in) :: psi, field
       real(wp), intent(in) :: mean   !! E[x]/b0

@@ -1,8 +1,8 @@
-!> Families of positive processes: how a point, whose last component is asinh of the coordinate for
-!> mu, becomes the parameters of a law. All is in units of b0.
+!> Families of positive processes: parameters of a law as a function of the point of a search.
+!> Everything is in units of b0.
 !>
-!> Positive values may be kept finite though no Gaussian process has their coefficients: large ones,
-!> among which neither noise nor field counts, must not grow.
+!> A positive process may exist though no Gaussian one has its coefficients. It exists if large
+!> values, next to which noise and field do not count, do not grow.
 module process_positive_family
    use core_kinds, only: wp
    use process_autoregressive_model, only: coefficients_of, reflection_of
@@ -11,79 +11,81 @@ module process_positive_family
    implicit none(type, external)
    private
    public :: law_estimate, parameter_family
-   public :: by_coefficients, by_precision, by_symbol, free
+   public :: by_coefficients, by_precision, by_symbol, by_reflection
    public :: is_confined_law, is_confined_sequence
 
    real(wp), parameter :: largest_kappa = 1.0_wp - 1.0e-6_wp
-   real(wp), parameter :: margin = 1.0e-5_wp   !! of a face
-   real(wp), parameter :: golden = 0.61803398874989485_wp   !! multiples are spread evenly modulo 1
+   real(wp), parameter :: margin = 1.0e-5_wp   !! distance of a face from the end of the domain
+   !> golden section, whose multiples are spread evenly modulo 1
+   real(wp), parameter :: golden = 0.61803398874989485_wp
 
-   !> (ln factor of a symbol, its free s_m, coordinate), (atanh(kappa_1..kappa_order), coordinate),
-   !> (asinh(a_1..a_order), coordinate), or (asinh(G_1..G_order over G_0), coordinate): of the last
-   !> two no Gaussian process need exist, and coefficients may grow as b0 does, without bound.
-   integer, parameter :: by_symbol = 1, free = 2, by_coefficients = 3, by_precision = 4
+   !> Kinds of points, each followed by asinh of the field: (ln factor of a symbol, its free s_m),
+   !> atanh(kappa_1..kappa_order), asinh(a_1..a_order), asinh(G_1..G_order over G_0). A Gaussian
+   !> process need not exist for the last two, and coefficients may grow without bound as b0 does.
+   integer, parameter :: by_symbol = 1, by_reflection = 2, by_coefficients = 3, by_precision = 4
 
-   !> How points become parameters.
+   !> Kind of the points, and what they leave fixed.
    type :: parameter_family
-      integer :: kind = free
-      real(wp), allocatable :: start(:)   !! a point of the companion, but for its coordinate
+      integer :: kind = by_reflection
+      real(wp), allocatable :: start(:)   !! the companion's point without the field
       !> by_symbol: G_m/G_0 of the direct method where s_m = 1
       real(wp), allocatable :: direction(:)
-      !> by_symbol: s_m, Eq. (30), and the lags where it stands in a point, after the factor
+      !> by_symbol: s_m, Eq. (30), and the lags whose s_m are unknowns
       real(wp), allocatable :: s(:)
-      integer, allocatable :: free(:)
-      !> by_coefficients, by_precision: ascending; values so far apart could just grow together, and
-      !> coefficients of these lags follow from the others and are not in a point
+      integer, allocatable :: free_lags(:)
+      !> by_coefficients, by_precision: lags, ascending, on whose face the point lies: values so far
+      !> apart are at the limit of growing together. Their coefficients follow from the others.
       integer, allocatable :: faces(:)
    contains
-      procedure :: is_near
-      procedure :: is_weak
-      procedure :: all_signs
-      procedure :: set_free
+      procedure :: is_near_start
+      procedure :: is_weakly_correlated
+      procedure :: signs_at
+      procedure :: set_free_lags
       procedure :: add_face
-      procedure :: room
-      procedure :: unfold
+      procedure :: face_distances
+      procedure :: set_parameters
    end type parameter_family
 
-   !> Parameters of a law, and what the simulated values say of it.
+   !> Parameters of a law, and averages over its simulated values.
    type :: law_estimate
       real(wp), allocatable :: g(:)                  !! (0:order) row of G
       real(wp), allocatable :: a(:)                  !! a_q, Eq. (39); by_precision: none
-      real(wp) :: coordinate = 0.0_wp                !! see `sampled_problem`
+      !> exact law: f of exp(- z'Gz/2 + f sum z); sequential law: conditional mean after zeros
+      real(wp) :: field = 0.0_wp
       type(batch_averages) :: batches
       type(positive_moments) :: moments
    end type law_estimate
 
 contains
 
-   !> Computes the parameters of a point's law, in units of b0 or, by_precision, of 1/sqrt(G_0).
-   pure subroutine unfold(self, point, law, is_inside)
+   !> Sets the parameters of the law of a point, in units of b0 or (by_precision) of 1/sqrt(G_0).
+   pure subroutine set_parameters(self, point, law, is_inside)
       class(parameter_family), intent(in) :: self
       real(wp), intent(in) :: point(:)
-      type(law_estimate), intent(inout) :: law   !! its coefficients, G and coordinate
-      logical, intent(out) :: is_inside          !! false: no process is there
-      real(wp), parameter :: outside = 40.0_wp   ! of any process: nothing overflows
+      type(law_estimate), intent(inout) :: law   !! a_q, G and field are set
+      logical, intent(out) :: is_inside          !! false: there is no process
+      real(wp), parameter :: outside = 40.0_wp   ! beyond any process, without overflow
       real(wp), allocatable :: a(:)
       real(wp) :: kappa(size(law%g) - 1), unused
       logical :: is_positive
 
-      law%coordinate = sinh(max(-outside, min(point(size(point)), outside)))
-      is_inside = abs(law%coordinate) < 1.0e6_wp
-      if (size(self%faces) > 0) is_inside = is_inside .and. law%coordinate < 0.0_wp   ! or they grow
+      law%field = sinh(max(-outside, min(point(size(point)), outside)))
+      is_inside = abs(law%field) < 1.0e6_wp
+      if (size(self%faces) > 0) is_inside = is_inside .and. law%field < 0.0_wp   ! or they grow
       select case (self%kind)
       case (by_precision)
          law%g(:) = [1.0_wp, 0.5_wp*couplings(self, point)]
-         is_inside = is_inside .and. all(self%room(point) > 0.0_wp)
+         is_inside = is_inside .and. all(self%face_distances(point) > 0.0_wp)
          if (is_inside) is_inside = is_confined_law(law%g)
          return
       case (by_coefficients)
          law%a = couplings(self, point)
-         is_inside = is_inside .and. all(self%room(point) > 0.0_wp)
+         is_inside = is_inside .and. all(self%face_distances(point) > 0.0_wp)
          if (is_inside) is_inside = is_confined_sequence(law%a)
       case default
          if (self%kind == by_symbol) then
             call equivalent_process([1.0_wp, exp(min(point(1), outside))*self%direction &
-                                     *self%all_signs(point)], a, unused, is_positive)
+                                     *self%signs_at(point)], a, unused, is_positive)
             kappa = 1.0_wp
             if (is_positive) kappa = reflection_of(a)
          else
@@ -93,52 +95,52 @@ contains
          if (is_inside) law%a = coefficients_of(kappa)
       end select
       if (is_inside) law%g(:) = symbol_of_process(law%a, 1.0_wp)
-   end subroutine unfold
+   end subroutine set_parameters
 
-   !> True if the correlation is so weak that the entropy does not feel its shape above the noise of
-   !> a sample: that of the unconstrained process is kept.
-   pure logical function is_weak(self, point)
+   !> True if the correlation is so weak that noise of the simulation hides how the entropy depends
+   !> on its shape.
+   pure logical function is_weakly_correlated(self, point)
       class(parameter_family), intent(in) :: self
       real(wp), intent(in) :: point(:)
       real(wp), parameter :: weak = 0.01_wp
 
-      is_weak = self%kind == free .and. norm2(point(:size(point) - 1)) < weak
-   end function is_weak
+      is_weakly_correlated = self%kind == by_reflection .and. norm2(point(:size(point) - 1)) < weak
+   end function is_weakly_correlated
 
-   !> True if the correlation of a point is not stronger than twice that of the companion.
-   pure logical function is_near(self, point)
+   !> True if the correlation of a point is less than twice as strong as the companion's.
+   pure logical function is_near_start(self, point)
       class(parameter_family), intent(in) :: self
       real(wp), intent(in) :: point(:)
 
       if (self%kind == by_symbol) then
-         is_near = point(1) < log(2.0_wp)
+         is_near_start = point(1) < log(2.0_wp)
       else
-         is_near = norm2(point(:size(point) - 1)) < 2.0_wp*norm2(self%start)
+         is_near_start = norm2(point(:size(point) - 1)) < 2.0_wp*norm2(self%start)
       end if
-   end function is_near
+   end function is_near_start
 
-   !> by_symbol: s_m of a point, m = 1..m_max.
-   pure function all_signs(self, point) result(s)
+   !> s_m at a point, m = 1..m_max (by_symbol).
+   pure function signs_at(self, point) result(s)
       class(parameter_family), intent(in) :: self
       real(wp), intent(in) :: point(:)
       real(wp) :: s(size(self%s))
 
       s = self%s
-      s(self%free) = point(2:size(point) - 1)
-   end function all_signs
+      s(self%free_lags) = point(2:size(point) - 1)
+   end function signs_at
 
-   !> Moves, by_symbol, s_m of these lags, and no others, into a point; one beyond 1 becomes 1.
-   pure subroutine set_free(self, lags, point)
+   !> Makes s_m of these lags, and no others, unknowns (by_symbol); |s_m| > 1 becomes 1.
+   pure subroutine set_free_lags(self, lags, point)
       class(parameter_family), intent(inout) :: self
       integer, intent(in) :: lags(:)
       real(wp), allocatable, intent(inout) :: point(:)
 
-      self%s = max(-1.0_wp, min(1.0_wp, self%all_signs(point)))
-      self%free = lags
+      self%s = max(-1.0_wp, min(1.0_wp, self%signs_at(point)))
+      self%free_lags = lags
       point = [point(1), self%s(lags), point(size(point))]
-   end subroutine set_free
+   end subroutine set_free_lags
 
-   !> Puts a point onto the face of this lag: its coefficient follows from the others from now on.
+   !> Puts a point onto the face of a lag: its coefficient then follows from the others.
    pure subroutine add_face(self, lag, point)
       class(parameter_family), intent(inout) :: self   !! by_coefficients or by_precision
       integer, intent(in) :: lag
@@ -150,7 +152,7 @@ contains
       self%faces = [self%faces(:i), lag, self%faces(i + 1:)]
    end subroutine add_face
 
-   !> a_q, or 2 G_m/G_0, lags 1..order: those of faces from the others.
+   !> a_q or (by_precision) 2 G_m/G_0 at a point, lags 1..order.
    pure function couplings(family, point) result(all_lags)
       type(parameter_family), intent(in) :: family
       real(wp), intent(in) :: point(:)
@@ -170,20 +172,20 @@ contains
       end do
    end function couplings
 
-   !> Room, for each p, that is left until values p apart, all others near 0, drive each other to
-   !> infinity.
-   pure function room(self, point)
+   !> Distance to the face of each lag p, on which values p apart, with all others near 0, start to
+   !> drive each other to infinity: 1 + a_p + a_2p + ...
+   pure function face_distances(self, point)
       class(parameter_family), intent(in) :: self   !! by_coefficients or by_precision
       real(wp), intent(in) :: point(:)
-      real(wp), allocatable :: room(:)
+      real(wp), allocatable :: face_distances(:)
       integer :: p
 
       associate (coupling => couplings(self, point))
-         room = [(1.0_wp + sum(coupling(p::p)) - 0.5_wp*margin, p=1, size(coupling))]
+         face_distances = [(1.0_wp + sum(coupling(p::p)) - 0.5_wp*margin, p=1, size(coupling))]
       end associate
-   end function room
+   end function face_distances
 
-   !> True if x_n = max(0, - sum a_q x_(n-q)) does not grow: sequential law.
+   !> True if the sequential law stays finite: x_n = max(0, - sum a_q x_(n-q)) does not grow.
    pure function is_confined_sequence(a) result(is_so)
       real(wp), intent(in) :: a(:)   !! a_q, Eq. (39)
       logical :: is_so
@@ -206,8 +208,8 @@ contains
       end do
    end function is_confined_sequence
 
-   !> True if x'Gx is not found negative for any x >= 0, by descent along one value after the other
-   !> on a ring: Eq. (25).
+   !> True if the exact law, Eq. (25), stays finite: descent along one value of a ring after the
+   !> other finds no x >= 0 with x'Gx < 0.
    pure function is_confined_law(g) result(is_so)
       real(wp), intent(in) :: g(0:)   !! row of G
       logical :: is_so

@@ -1,9 +1,8 @@
-!> The positive process of first order of given mean, std and correlation length, solved by
-!> quadrature without statistical error.
+!> Solves the positive process of order 1 of given mean, std and correlation length by quadrature.
 !>
-!> There are two branches: K(m) >= 0 and, beyond the largest std/mean of that one, K(m) whose sign
-!> changes with every lag. On either one the length grows with an inner parameter, and with the
-!> length held std/mean grows as an outer one falls, to a limit at minus infinity or without one.
+!> There are two branches: K(m) >= 0 and, at larger std/mean, alternating K(m). On each one the
+!> length grows with an inner parameter; at given length std/mean grows as an outer parameter falls
+!> to minus infinity, where it has a limit or none.
 module process_positive_first_order
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
@@ -19,50 +18,51 @@ module process_positive_first_order
    private
    public :: match_first_order, match_branch, find_limit, describe_first_order
 
-   !> [lags] seconds of matrices of order 800
+   !> longest length [lags], whose matrices of order 800 take seconds
    real(wp), parameter :: longest_first_order = 1000.0_wp
-   real(wp), parameter :: matched = 1.0e-10_wp              !! relative, of the length
-   real(wp), parameter :: ratio_matched = 1.0e-9_wp         !! relative
-   real(wp), parameter :: always_below = 0.447_wp           !! the limits of std/mean: 1/sqrt(5)
-   real(wp), parameter :: farthest = 60.0_wp                !! minus it is as good as -infinity
+   real(wp), parameter :: length_tolerance = 1.0e-10_wp              !! relative error of the length
+   real(wp), parameter :: ratio_tolerance = 1.0e-9_wp         !! relative error of std/mean
+   real(wp), parameter :: least_limit = 0.447_wp           !! below every limit: 1/sqrt(5)
+   real(wp), parameter :: farthest = 60.0_wp                !! - farthest stands for -infinity
    integer, parameter :: max_steps = 80
 
-   !> Processes of one wanted length on one branch. K(m) >= 0: the outer parameter is mu over the
-   !> std of the Gaussian below, the inner one ln (r/(1 - r)). Alternating: minus ln of the excess
-   !> of -r over that of the Gaussian process, and the field.
-   type :: family_type
+   !> Processes of one length on one branch. K(m) >= 0: the outer parameter is mu over the std of
+   !> the Gaussian process with the same coefficients, the inner one ln (r/(1 - r)). Alternating:
+   !> the outer one is - ln of the relative excess of -r over that of the Gaussian process of the
+   !> wanted length, the inner one the field.
+   type :: branch_type
       character(:), allocatable :: correlation
       real(wp) :: length = 0.0_wp
       logical :: is_sequential = .false., is_alternating = .false.
       real(wp) :: outer = 0.0_wp
-   end type family_type
+   end type branch_type
 
 contains
 
-   !> Finds the law with the wanted ratio and length: that with K(m) >= 0 where there is one (its
-   !> entropy is the larger one), else the alternating one. Fails with the limits where there is
-   !> none.
+   !> Finds the law with the wanted ratio and length: that with K(m) >= 0, whose entropy is larger,
+   !> if there is one, else the alternating one. Fails with the limits of std/mean.
    subroutine match_first_order(request, law, error)
       type(process_request), intent(in) :: request   !! order 1
-      type(first_order_law), intent(out) :: law      !! in units of b0, see there
+      type(first_order_law), intent(out) :: law      !! in its own units
       type(error_type), allocatable, intent(out) :: error
       type(error_type), allocatable :: failure
       character(:), allocatable :: reason
       real(wp) :: farther, limit, mu, sigma, wanted
 
-      if (.not. (request%mean > 0.0_wp .and. request%std > 0.0_wp)) then   ! refused in its words
+      if (.not. (request%mean > 0.0_wp .and. request%std > 0.0_wp)) then   ! raises its error
          call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
          return
       end if
       wanted = request%std/request%mean
-      limit = always_below
-      if (wanted > always_below) call find_limit(request, .false., limit, error)
+      limit = least_limit
+      if (wanted > least_limit) call find_limit(request, .false., limit, error)
       if (allocated(error)) return
-      if (wanted < limit .or. .not. wanted > always_below) then
+      if (wanted < limit .or. .not. wanted > least_limit) then
          call match_branch(request, .false., law, error)
          return
       end if
-      reason = positive_name(request)//': std/mean must be below '//stated(limit)//' with K(m) >= 0'
+      reason = positive_name(request)//': std/mean must be below '//rounded_down(limit)// &
+               ' with K(m) >= 0'
       if (request%branch == 'nonnegative') then
          call raise(error, exit_no_solution, reason)
          return
@@ -70,7 +70,7 @@ contains
       call find_limit(request, .true., farther, error)
       if (allocated(error)) return
       if (wanted >= farther) then
-         call raise(error, exit_no_solution, reason//' and below '//stated(farther)// &
+         call raise(error, exit_no_solution, reason//' and below '//rounded_down(farther)// &
                     ' with alternating K(m)')
          return
       end if
@@ -78,35 +78,35 @@ contains
       if (allocated(failure)) call raise(error, exit_no_solution, reason//'; '//failure%message)
    end subroutine match_first_order
 
-   !> Finds the law of one branch with the wanted ratio and length. Fails where there is none.
+   !> Finds the law of one branch with the wanted ratio and length. Fails if there is none.
    subroutine match_branch(request, is_alternating, law, error)
       type(process_request), intent(in) :: request
       logical, intent(in) :: is_alternating
       type(first_order_law), intent(out) :: law
       type(error_type), allocatable, intent(out) :: error
-      type(family_type) :: family
+      type(branch_type) :: branch
       type(root_search) :: search
       type(error_type), allocatable :: unmatched
       real(wp) :: excess, inner, mu, reached, sigma, unresolved
       integer :: step
 
-      call begin_family(request, is_alternating, family, error)
+      call new_branch(request, is_alternating, branch, error)
       if (allocated(error)) return
       if (is_alternating) then
-         family%outer = -log(0.7_wp)
+         branch%outer = -log(0.7_wp)
          inner = 2.0_wp
       else
          call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
          if (allocated(error)) return
-         family%outer = mu/sigma
-         if (mu < 0.0_wp) family%outer = -log(1.0_wp - mu/sigma)   ! see `stretched`
-         inner = log(family%length)
+         branch%outer = mu/sigma
+         if (mu < 0.0_wp) branch%outer = -log(1.0_wp - mu/sigma)   ! see `stretched`
+         inner = log(branch%length)
       end if
       search%step = merge(0.5_wp, 0.1_wp, is_alternating)
       reached = 0.0_wp
-      unresolved = 1.0_wp   ! alternating processes that nodes do not resolve are nearly Gaussian
+      unresolved = 1.0_wp   ! unresolved alternating processes are nearly Gaussian at first
       do step = 1, max_steps
-         call match_length(family, inner, law, unmatched)
+         call match_length(branch, inner, law, unmatched)
          if (allocated(unmatched) .and. .not. is_alternating) then
             call move_alloc(unmatched, error)
             return
@@ -115,74 +115,73 @@ contains
          if (.not. allocated(unmatched)) then
             reached = law%std/law%mean
             excess = log(request%std/(request%mean*reached))
-            unresolved = -1.0_wp   ! or, beyond those that they resolve, alternate too strongly
+            unresolved = -1.0_wp   ! beyond resolved ones they alternate too strongly
          end if
-         if (abs(excess) <= ratio_matched) return
-         call search%advance(family%outer, excess)
-         if (abs(family%outer) > farthest) exit
+         if (abs(excess) <= ratio_tolerance) return
+         call search%advance(branch%outer, excess)
+         if (abs(branch%outer) > farthest) exit
       end do
       call raise(error, exit_no_solution, positive_name(request)// &
-                 ': the search ended at std/mean = '//stated(reached))
+                 ': the search ended at std/mean = '//rounded_down(reached))
    end subroutine match_branch
 
-   !> Finds the largest std/mean of a branch at the request's length, where the outer parameter is
-   !> as good as minus infinity; `huge` where even the strongest alternation that the nodes resolve
-   !> has a shorter length.
+   !> Finds the largest std/mean of a branch at the length of the request; `huge` if the strongest
+   !> alternation that the nodes resolve still has a shorter length.
    subroutine find_limit(request, is_alternating, limit, error)
       type(process_request), intent(in) :: request   !! of any order
       logical, intent(in) :: is_alternating
       real(wp), intent(out) :: limit
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: strongest = log(1.0e6_wp)   ! ln (-r/field^2) that the nodes resolve
-      type(family_type) :: family
+      type(branch_type) :: branch
       type(first_order_law) :: law
       real(wp) :: inner
 
       limit = huge(1.0_wp)
-      call begin_family(request, is_alternating, family, error)
+      call new_branch(request, is_alternating, branch, error)
       if (allocated(error)) return
-      family%outer = -farthest
-      inner = log(family%length)
+      branch%outer = -farthest
+      inner = log(branch%length)
       if (is_alternating) then
-         associate (scale => farthest + log(-gaussian_r(family)))   ! ln -r
-            call evaluate(family, 0.5_wp*(strongest - scale), law, error)
+         associate (scale => farthest + log(-gaussian_r(branch)))   ! ln -r
+            call evaluate(branch, 0.5_wp*(strongest - scale), law, error)
             if (allocated(error)) return
-            if (length_of(law, family%correlation) <= family%length) return
+            if (length_of(law, branch%correlation) <= branch%length) return
             inner = 0.5_wp*(inner - scale)
          end associate
-      else if (family%is_sequential) then   ! minus ln of minus the field is 0.5 ln length
+      else if (branch%is_sequential) then   ! minus ln of minus the field is 0.5 ln length
          inner = 2.0_wp*farthest + inner
       else                                  ! or, as the length grows, 1.5 ln length
          inner = (farthest + max(0.5_wp*inner, 1.5_wp*inner + 0.6_wp))/1.5_wp
       end if
-      call match_length(family, inner, law, error)
+      call match_length(branch, inner, law, error)
       if (.not. allocated(error)) limit = law%std/law%mean
    end subroutine find_limit
 
-   !> A limit rounded down: a ratio that is named is itself within it.
-   pure function stated(limit) result(text)
+   !> Text of a limit, rounded down so that the stated ratio is within it.
+   pure function rounded_down(limit) result(text)
       real(wp), intent(in) :: limit
       character(:), allocatable :: text
 
       text = to_text(floor(1.0e4_wp*limit)/1.0e4_wp)
-   end function stated
+   end function rounded_down
 
-   subroutine begin_family(request, is_alternating, family, error)
+   subroutine new_branch(request, is_alternating, branch, error)
       type(process_request), intent(in) :: request
       logical, intent(in) :: is_alternating
-      type(family_type), intent(out) :: family
+      type(branch_type), intent(out) :: branch
       type(error_type), allocatable, intent(out) :: error
 
-      family%correlation = trim(request%correlation)
-      family%length = request%correlation_length
-      family%is_sequential = request%sampler == 'sequential'
-      family%is_alternating = is_alternating
-      if (family%length > longest_first_order) &
+      branch%correlation = trim(request%correlation)
+      branch%length = request%correlation_length
+      branch%is_sequential = request%sampler == 'sequential'
+      branch%is_alternating = is_alternating
+      if (branch%length > longest_first_order) &
          call raise(error, exit_no_solution, positive_name(request)//': lengths up to '// &
                     to_text(longest_first_order)//' can be resolved')
-   end subroutine begin_family
+   end subroutine new_branch
 
-   !> Values as exp far below zero, so that few doublings reach any limit.
+   !> Parameter that grows as exp below zero, so that a search reaches any limit in few doublings.
    elemental function stretched(parameter) result(value)
       real(wp), intent(in) :: parameter
       real(wp) :: value
@@ -191,10 +190,10 @@ contains
       if (parameter < 0.0_wp) value = 1.0_wp - exp(min(-parameter, farthest))
    end function stretched
 
-   !> Finds the member of a family that has its length.
-   subroutine match_length(family, inner, law, error)
-      type(family_type), intent(in) :: family
-      real(wp), intent(inout) :: inner         !! a guess; then that of the law
+   !> Finds the process of a branch that has the length.
+   subroutine match_length(branch, inner, law, error)
+      type(branch_type), intent(in) :: branch
+      real(wp), intent(inout) :: inner         !! in: a guess; out: that of the law
       type(first_order_law), intent(out) :: law
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: widest = 200.0_wp
@@ -202,59 +201,59 @@ contains
       real(wp) :: excess, last, length, trial
       integer :: step
 
-      search%step = merge(0.25_wp, 0.05_wp, family%is_alternating)
+      search%step = merge(0.25_wp, 0.05_wp, branch%is_alternating)
       trial = inner
       do step = 1, max_steps
          last = trial
-         call evaluate(family, trial, law, error)
+         call evaluate(branch, trial, law, error)
          if (allocated(error)) return
-         length = length_of(law, family%correlation)
+         length = length_of(law, branch%correlation)
          excess = -1.0_wp
          if (.not. length > 0.0_wp) exit   ! nodes do not resolve the process
-         excess = log(length/family%length)
-         if (abs(excess) > matched) call search%advance(trial, excess)
-         if (abs(excess) <= matched .or. .not. abs(trial - last) > spacing(last)) then
+         excess = log(length/branch%length)
+         if (abs(excess) > length_tolerance) call search%advance(trial, excess)
+         if (abs(excess) <= length_tolerance .or. .not. abs(trial - last) > spacing(last)) then
             inner = last
             return
          end if
          if (abs(trial) > widest) exit
       end do
       call raise(error, exit_no_solution, 'positive process of order 1: the search ended '// &
-                 to_text(excess)//' (relative) from '//family%correlation//' = '// &
-                 to_text(family%length))
+                 to_text(excess)//' (relative) from '//branch%correlation//' = '// &
+                 to_text(branch%length))
    end subroutine match_length
 
-   !> Computes the law of a family at an inner parameter.
-   subroutine evaluate(family, inner, law, error)
-      type(family_type), intent(in) :: family
+   !> Computes the law of a branch at an inner parameter.
+   subroutine evaluate(branch, inner, law, error)
+      type(branch_type), intent(in) :: branch
       real(wp), intent(in) :: inner
       type(first_order_law), intent(out) :: law
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: field, r, slack
 
-      if (family%is_alternating) then
-         r = gaussian_r(family)*(1.0_wp + exp(-family%outer))
+      if (branch%is_alternating) then
+         r = gaussian_r(branch)*(1.0_wp + exp(-branch%outer))
          slack = 1.0_wp
          field = stretched(inner)
       else
          r = 1.0_wp/(1.0_wp + exp(-inner))
          slack = 1.0_wp/(1.0_wp + exp(inner))
-         field = stretched(family%outer)*slack**merge(1, 2, family%is_sequential) &
+         field = stretched(branch%outer)*slack**merge(1, 2, branch%is_sequential) &
                  /sqrt(slack*(1.0_wp + r))
       end if
-      call new_first_order_law(r, slack, 1.0_wp, field, family%is_sequential, law, error)
+      call new_first_order_law(r, slack, 1.0_wp, field, branch%is_sequential, law, error)
    end subroutine evaluate
 
    !> r of the Gaussian process whose K(m) alternate and have the length, Eq. (39).
-   pure real(wp) function gaussian_r(family) result(r)
-      type(family_type), intent(in) :: family
+   pure real(wp) function gaussian_r(branch) result(r)
+      type(branch_type), intent(in) :: branch
 
-      r = -family%length/(1.0_wp + family%length)
-      if (.not. family%is_sequential) r = r/(1.0_wp + r**2)
+      r = -branch%length/(1.0_wp + branch%length)
+      if (.not. branch%is_sequential) r = r/(1.0_wp + r**2)
    end function gaussian_r
 
-   !> Describes the process in the unit of X. Where K(m) alternates: by the recursion of the
-   !> sequential law, by the matrix G of the exact one.
+   !> Describes the process in the unit of X: by G for the exact law with alternating K(m), else by
+   !> a_1.
    subroutine describe_first_order(request, law, model, error)
       type(process_request), intent(in) :: request
       type(first_order_law), intent(in) :: law
@@ -274,13 +273,13 @@ contains
       model%optimality = max(abs(model%mean/request%mean - 1.0_wp), &
                              abs(length_of(law, request%correlation)/request%correlation_length &
                                  - 1.0_wp))
-      call note_acceptances(law, model)
+      call set_acceptances(law, model)
       if (law%r < 0.0_wp .and. .not. law%is_sequential) then
          allocate (model%a(0), model%poles(0), model%g(0:1))
          model%mu = model%b0*law%field/(1.0_wp - 2.0_wp*law%r)
          model%g(:) = [1.0_wp, -law%r]/model%b0**2
          model%nodes = model%b0*law%nodes
-         model%weights = law%ahead
+         model%weights = law%next_weights
       else
          model%a = [-law%r]
          model%poles = [cmplx(law%r, 0.0_wp, wp)]
@@ -301,7 +300,7 @@ contains
          model%other_std = model%b0*other%std
          model%other_l0 = other%l0
          model%other_entropy = other%entropy + log(model%b0)
-         call note_acceptances(other, model)
+         call set_acceptances(other, model)
       end if
    end subroutine describe_first_order
 
@@ -313,8 +312,8 @@ contains
       real(wp) :: decay
       integer :: n_lags
 
-      ! the unconstrained process of the wanted length remembers longer than a positive one with
-      ! K(m) >= 0; an alternating one of that |K(1)| may remember longer
+      ! the unconstrained process of the wanted length has a longer memory than a positive one with
+      ! K(m) >= 0, but not than an alternating one
       decay = request%correlation_length/(1.0_wp + request%correlation_length)
       if (law%r < 0.0_wp) decay = law%memory
       model%memory = ceiling(1.5_wp*memory_of(decay, 1.0e-9_wp))
@@ -328,8 +327,8 @@ contains
       model%l1_cut = correlation_length('L1', model%autocovariance(0:1))
    end subroutine describe_correlation
 
-   !> Notes Lambda of the exact law, or the three acceptances of one-at-a-time rejection.
-   subroutine note_acceptances(law, model)
+   !> Sets Lambda of the exact law, or the three acceptances of one-at-a-time rejection.
+   subroutine set_acceptances(law, model)
       type(first_order_law), intent(in) :: law
       type(process_model_type), intent(inout) :: model
 
@@ -340,7 +339,7 @@ contains
       else if (law%r > 0.0_wp) then
          model%lambda = exp(max(law%log_lambda, log(tiny(1.0_wp))))
       end if
-   end subroutine note_acceptances
+   end subroutine set_acceptances
 
    elemental function length_of(law, correlation) result(length)
       type(first_order_law), intent(in) :: law

@@ -1,9 +1,9 @@
-!> The positive process of given mean, std and correlation length with the largest entropy (Sec.
-!> 2.4.1), under the law of one-at-a-time rejection or under that of Eq. (25).
+!> Fits the positive process of given mean, std and correlation length with the largest entropy
+!> (Sec. 2.4.1), under the law of one-at-a-time rejection or under that of Eq. (25).
 !>
-!> Its moments have no closed form. They are averages over simulated values, the same random numbers
-!> at every trial, so that what is solved is a smooth problem; its answer differs from the true one
-!> by the standard errors that are handed back.
+!> Order 1 is solved by quadrature. Moments of higher orders are averages over simulated values,
+!> with the same random numbers at every trial, so that the problem is smooth; its solution has the
+!> standard errors that are returned.
 module process_positive_fit
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
@@ -12,30 +12,30 @@ module process_positive_fit
    use process_direct_fit, only: fit_unconstrained, integer_signs
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_model_type, process_request
-   use process_positive_description, only: compare_laws, describe_far_from_zero, describe_sampled, &
-      outline_sampled
+   use process_positive_description, only: compare_laws, describe_evaluation, &
+                                           describe_far_from_zero, describe_solution
    use process_positive_first_order, only: describe_first_order, match_first_order
    use process_positive_kernel, only: first_order_law
    use process_positive_objective, only: sampled_objective
-   use process_positive_refinement, only: refine, shape_spread
+   use process_positive_refinement, only: refine, shape_uncertainty
    use process_positive_search, only: follow_alternating, follow_unconstrained
    use process_positive_sign_search, only: multipliers_of, search_signs
-   use process_positive_signs, only: difference, sharpen
+   use process_positive_signs, only: difference_step, search_finer
    implicit none(type, external)
    private
    public :: fit_positive, foresee_positive
 
-   integer, parameter :: final_steps = 4096    !! of a batch of the final solution, at least
-   integer, parameter :: most_refinement = 16  !! times as many where the errors want it
-   !> relative standard errors
+   integer, parameter :: final_steps = 4096    !! steps of a batch for the solution
+   integer, parameter :: most_refinement = 16  !! largest factor by which errors raise that number
+   !> wanted relative standard errors of std/mean and length
    real(wp), parameter :: ratio_goal = 2.5e-4_wp, length_goal = 2.5e-3_wp
-   !> relative, of ratio and length on the simulated values
-   real(wp), parameter :: matched = 1.0e-7_wp, missed = 1.0e-5_wp
+   !> relative misses of std/mean and length on the simulated values: aimed at, and allowed
+   real(wp), parameter :: target_tolerance = 1.0e-7_wp, largest_miss = 1.0e-5_wp
 
 contains
 
-   !> Solves the request, whose length is not zero, or says why not: `model%is_solved`,
-   !> `model%reason`.
+   !> Solves the request, whose length is not zero, and sets `model%is_solved`; `model%reason` says
+   !> why there is no solution.
    recursive subroutine fit_positive(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -49,7 +49,7 @@ contains
       if (allocated(error)) model%reason = error%message
    end subroutine fit_positive
 
-   !> Solves by quadrature or on simulated values.
+   !> Solves the request by quadrature or on simulated values.
    recursive subroutine fit_near_zero(request, seed, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -67,7 +67,7 @@ contains
          call name_lower_order(request, seed, error)
          return
       end if
-      call look_beside(request, seed, model)
+      call compare_other_law(request, seed, model)
    end subroutine fit_near_zero
 
    !> Adds to a refusal that a lower order, which this order contains, has such a process: order 1,
@@ -87,9 +87,9 @@ contains
                                            ' has such a process'
    end subroutine name_lower_order
 
-   !> Solves on simulated values: on the branch of the unconstrained process or, where that has
-   !> ended before, on the alternating one; where some K(m) have changed their sign on the way, on
-   !> that of the larger entropy.
+   !> Solves the request on simulated values: on the branch of the unconstrained process or, if that
+   !> fails, on the alternating one. If some K(m) have changed their sign, takes the branch of the
+   !> larger entropy.
    subroutine fit_sampled(request, seed, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -97,22 +97,22 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(process_model_type) :: other
       type(error_type), allocatable :: failure
-      type(sampled_objective) :: law
+      type(sampled_objective) :: search
 
       other = model
       if (request%method == 'direct') then
-         call search_signs(request, seed, law, model, error)
+         call search_signs(request, seed, search, model, error)
       else
-         call follow_unconstrained(request, seed, law, error)
+         call follow_unconstrained(request, seed, search, error)
       end if
-      if (.not. allocated(error)) call finish(request, law, model, error)
+      if (.not. allocated(error)) call finish_fit(request, search, model, error)
       if (.not. allocated(error)) then
          if (model%branch /= 'mixed') return
       end if
-      if (.not. may_alternate(request, law, error)) return
-      law%effort = 0.0_wp
-      call follow_alternating(request, seed, law, failure)
-      if (.not. allocated(failure)) call finish(request, law, other, failure)
+      if (.not. may_search_alternating(request, search, error)) return
+      search%effort = 0.0_wp
+      call follow_alternating(request, seed, search, failure)
+      if (.not. allocated(failure)) call finish_fit(request, search, other, failure)
       if (allocated(failure)) then
          if (allocated(error)) error%message = error%message//'; '//failure%message
       else if (allocated(error)) then
@@ -123,39 +123,40 @@ contains
       end if
    end subroutine fit_sampled
 
-   !> True if the alternating branch is to be searched, where the other one was or failed like this.
-   pure logical function may_alternate(request, law, error)
+   !> True if the alternating branch is to be searched after the other one ended with `error`.
+   pure logical function may_search_alternating(request, search, error)
       type(process_request), intent(in) :: request
-      type(sampled_objective), intent(in) :: law   !! of the other branch
+      type(sampled_objective), intent(in) :: search   !! on the other branch
       type(error_type), allocatable, intent(in) :: error
 
-      may_alternate = request%branch == 'any' .and. request%method == 'autoregressive' .and. &
-                      request%correlation /= 'both' .and. request%mean > 0.0_wp .and. &
-                      was_tried(request, law)
+      may_search_alternating = request%branch == 'any' .and. &
+                               request%method == 'autoregressive' .and. &
+                               request%correlation /= 'both' .and. request%mean > 0.0_wp .and. &
+                               was_searched(request, search)
       if (allocated(error)) &
-         may_alternate = may_alternate .and. error%exit_code == exit_no_solution
-   end function may_alternate
+         may_search_alternating = may_search_alternating .and. error%exit_code == exit_no_solution
+   end function may_search_alternating
 
-   !> True if the branch of the unconstrained process was searched, or its std/mean forbade it: not
-   !> where its lags were too many to begin.
-   pure logical function was_tried(request, law)
+   !> True if the branch of the unconstrained process was searched, or has no process of this
+   !> std/mean; false if too many lags count for a search.
+   pure logical function was_searched(request, search)
       type(process_request), intent(in) :: request
-      type(sampled_objective), intent(in) :: law
+      type(sampled_objective), intent(in) :: search
 
-      was_tried = law%effort > 0.0_wp .or. request%std >= request%mean
-   end function was_tried
+      was_searched = search%effort > 0.0_wp .or. request%std >= request%mean
+   end function was_searched
 
-   !> Foresees a fit: fails where `fit_positive` would not even begin. Of the exact law it also
-   !> fills what realizations are drawn by, roughly where it is sampled and found soon. A process of
-   !> order 1 with K(m) >= 0 is one of every order. A search that is long is left to the fit: the
-   !> branch is then 'open'.
+   !> Checks a request without its fit: fails if a short search shows that there is no process. A
+   !> process of order 1 with K(m) >= 0 is one of every order. If only a long search can tell, the
+   !> branch is 'open'. For the exact law the model has rough parameters for realizations, if they
+   !> are found soon.
    subroutine foresee_positive(request, seed, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: quick_effort(2) = [2.0e8_wp, 1.5e8_wp]   ! sequential, exact: 1 s or 2
-      type(sampled_objective) :: law
+      real(wp), parameter :: quick_effort(2) = [2.0e8_wp, 1.5e8_wp]   ! sequential, exact: 1 to 2 s
+      type(sampled_objective) :: search
       type(first_order_law) :: unused
       type(process_request) :: one
       type(error_type), allocatable :: refusal
@@ -177,18 +178,18 @@ contains
          call match_first_order(one, unused, refusal)
          has_first_order = .not. allocated(refusal)
       end if
-      ! with K(m) >= 0 alone the maximum may lie where some are 0, which a search may miss
+      ! with branch = 'nonnegative' some K(m) may be 0 at the maximum, which a short search can miss
       is_feasible = has_first_order .and. request%branch /= 'nonnegative'
       if (is_feasible .and. .not. is_exact) return
-      law%most_effort = quick_effort(merge(2, 1, is_exact))
-      call follow_unconstrained(request, seed, law, error)
+      search%max_effort = quick_effort(merge(2, 1, is_exact))
+      call follow_unconstrained(request, seed, search, error)
       if (allocated(error)) then
-         ! when the direct method has tried the unconstrained process's signs others are left
+         ! the direct method has other signs left than those of the unconstrained process
          has_others = request%method == 'direct' .and. request%branch == 'any' .and. &
-                      was_tried(request, law)
-         if (may_alternate(request, law, error) .and. &
-             .not. (law%is_exhausted() .or. has_first_order)) then
-            call follow_alternating(request, seed, law, refusal)
+                      was_searched(request, search)
+         if (may_search_alternating(request, search, error) .and. &
+             .not. (search%is_exhausted() .or. has_first_order)) then
+            call follow_alternating(request, seed, search, refusal)
             if (allocated(refusal)) then
                error%message = error%message//'; '//refusal%message
             else
@@ -196,28 +197,28 @@ contains
             end if
          end if
          if (allocated(error)) then
-            if (.not. (law%is_exhausted() .or. has_first_order .or. has_others)) return
+            if (.not. (search%is_exhausted() .or. has_first_order .or. has_others)) return
             deallocate (error)
             if (.not. is_feasible) model%branch = 'open'
             return
          end if
       end if
-      law%most_effort = huge(1.0_wp)
-      call law%evaluate(law%point, state, is_inside)
-      if (is_exact .or. law%problem%decay > 0.0_wp) call outline_sampled(law, model)
-      one%method = 'autoregressive'   ! tells roughly
+      search%max_effort = huge(1.0_wp)
+      call search%evaluate(search%point, state, is_inside)
+      if (is_exact .or. search%problem%decay > 0.0_wp) call describe_evaluation(search, model)
+      one%method = 'autoregressive'   ! a rough answer
       one%branch = request%branch
-      call look_beside(one, seed, model)
+      call compare_other_law(one, seed, model)
    end subroutine foresee_positive
 
-   !> Fits the process without sign constraint where its mean is so many std that none of its values
-   !> is negative, to all digits: it has the largest entropy then. `is_far` is false, and nothing is
-   !> solved, nearer to zero, or where it does not exist or its K(m) have signs that are not wanted.
+   !> Fits the process without sign constraint, if mean/std is so large that no value is negative to
+   !> all digits: it then has the largest entropy. `is_far` is false, and nothing is solved, if
+   !> mean/std is smaller, there is no such process, or its K(m) have signs that are refused.
    subroutine fit_far_from_zero(request, model, is_far)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
       logical, intent(out) :: is_far
-      real(wp), parameter :: far = 9.0_wp   ! c phi(c), by which moments change, is below 1e-17
+      real(wp), parameter :: far = 9.0_wp   ! moments change by c phi(c) < 1e-17
       type(process_model_type) :: unconstrained
       type(error_type), allocatable :: error
 
@@ -232,26 +233,26 @@ contains
       if (is_far) model = unconstrained
    end subroutine fit_far_from_zero
 
-   !> Fits, where K(m) alternates, the other law's process with K(m) >= 0; its entropy is noted
-   !> where it is larger.
-   recursive subroutine look_beside(request, seed, model)
+   !> Fits the process with K(m) >= 0 under the other law if K(m) alternates; keeps its entropy if
+   !> that is larger.
+   recursive subroutine compare_other_law(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(process_model_type), intent(inout) :: model
       integer, parameter :: rough_steps = 256
-      type(process_request) :: beside
+      type(process_request) :: other_request
       type(process_model_type) :: other
 
       if (.not. allocated(model%branch) .or. request%std >= request%mean) return
       if (model%branch /= 'alternating') return
-      beside = request
-      beside%sampler = merge('exact     ', 'sequential', request%sampler == 'sequential')
-      beside%branch = 'nonnegative'
-      beside%fit_steps = rough_steps
-      call fit_positive(beside, seed, other)
+      other_request = request
+      other_request%sampler = merge('exact     ', 'sequential', request%sampler == 'sequential')
+      other_request%branch = 'nonnegative'
+      other_request%fit_steps = rough_steps
+      call fit_positive(other_request, seed, other)
       if (other%is_solved .and. other%entropy > model%entropy) &
          model%nonnegative_entropy = other%entropy
-   end subroutine look_beside
+   end subroutine compare_other_law
 
    !> True if quadrature solves the request.
    pure function is_first_order(request) result(is_so)
@@ -263,72 +264,72 @@ contains
               (request%sampler == 'sequential' .or. request%sampler == 'exact')
    end function is_first_order
 
-   !> Refines the maximum, matches the targets on many values and describes the law; where that
-   !> fails, or the maximum moves far, once more after a search on more values than before.
-   subroutine finish(request, law, model, error)
+   !> Refines the maximum, meets the targets on many values and describes the process. If that
+   !> fails, or the maximum moves far, does so again after a search on more values.
+   subroutine finish_fit(request, search, model, error)
       type(process_request), intent(in) :: request
-      type(sampled_objective), intent(inout) :: law
+      type(sampled_objective), intent(inout) :: search
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
       type(process_model_type) :: before
-      type(shape_spread) :: spread
+      type(shape_uncertainty) :: uncertainty
       type(sequence_solution) :: solution
       integer :: pass
-      logical :: is_sharper, is_short
+      logical :: is_finer, is_short
 
       before = model
       do pass = 1, 2
-         call refine(law, difference, spread, is_short)
-         is_sharper = .false.
-         if (pass == 1 .and. .not. is_short) call sharpen(law, is_sharper)
-         if (is_sharper) cycle
-         call match_targets(law, request%fit_steps, error)
-         if (.not. allocated(error)) call describe_sampled(law, spread, model, error)
+         call refine(search, difference_step, uncertainty, is_short)
+         is_finer = .false.
+         if (pass == 1 .and. .not. is_short) call search_finer(search, is_finer)
+         if (is_finer) cycle
+         call match_targets(search, request%fit_steps, error)
+         if (.not. allocated(error)) call describe_solution(search, uncertainty, model, error)
          if (.not. allocated(error)) exit
          model = before
          if (pass == 2) return
-         call sharpen(law, is_sharper)
-         if (.not. is_sharper) return
+         call search_finer(search, is_finer)
+         if (.not. is_finer) return
       end do
-      if (allocated(law%last%a)) call compare_laws(law, model)
-      model%optimality = law%found%residual
+      if (allocated(search%last%a)) call compare_laws(search, model)
+      model%optimality = search%found%residual
       if (request%method /= 'direct') return
-      call multipliers_of(law, model%b0, solution, model%optimality)
-      model%optimality = max(model%optimality, law%found%violation)
+      call multipliers_of(search, model%b0, solution, model%optimality)
+      model%optimality = max(model%optimality, search%found%violation)
       model%signs = integer_signs(solution%s)
       model%delta = solution%delta
       model%lambda_3 = solution%lambda_3
-   end subroutine finish
+   end subroutine finish_fit
 
-   !> Meets the targets once more, on as many values as were asked for or as the standard errors
-   !> want; the shape stays.
-   subroutine match_targets(law, fit_steps, error)
-      type(sampled_objective), intent(inout) :: law
-      integer, intent(in) :: fit_steps   !! of a batch; 0: as the errors want
+   !> Meets the targets, with the shape kept, on as many values as `fit_steps` asks for or as the
+   !> wanted standard errors need. Fails if they are missed.
+   subroutine match_targets(search, fit_steps, error)
+      type(sampled_objective), intent(inout) :: search
+      integer, intent(in) :: fit_steps   !! steps of a batch; 0: as the standard errors need
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: max_iterations = 20
       real(wp) :: bound, excess
 
-      bound = law%most_effort
-      law%most_effort = huge(1.0_wp)   ! the search has succeeded, and this is not one
-      law%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
-      call law%keep_lags()
-      call solve_along(law, matched, max_iterations)
-      associate (moments => law%last%moments, problem => law%problem)
+      bound = search%max_effort
+      search%max_effort = huge(1.0_wp)   ! bounds searches only
+      search%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
+      call search%set_single_lags()
+      call solve_along(search, target_tolerance, max_iterations)
+      associate (moments => search%last%moments, problem => search%problem)
          excess = max(moments%ratio_error/(ratio_goal*problem%ratio), &
                       merge(moments%l1_error, moments%l0_error, &
                             problem%request%correlation == 'L1') &
                       /(length_goal*problem%request%correlation_length))
       end associate
-      if (excess > 1.0_wp .and. fit_steps == 0 .and. law%found%violation <= missed) then
-         law%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))
-         call solve_along(law, matched, max_iterations)
+      if (excess > 1.0_wp .and. fit_steps == 0 .and. search%found%violation <= largest_miss) then
+         search%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))
+         call solve_along(search, target_tolerance, max_iterations)
       end if
-      if (law%found%violation <= missed) return
-      law%most_effort = bound
-      call raise(error, exit_no_solution, law%problem%name// &
+      if (search%found%violation <= largest_miss) return
+      search%max_effort = bound
+      call raise(error, exit_no_solution, search%problem%name// &
                  ': the solution meets the targets on few simulated values, not on '// &
-                 to_text(law%n_steps)//' in each batch')
+                 to_text(search%n_steps)//' in each batch')
    end subroutine match_targets
 
 end module process_positive_fit

@@ -1,10 +1,9 @@
-!> Positive processes of first order without sampling: the transfer kernel on Gauss nodes.
+!> Positive processes of order 1 by quadrature: their transfer kernel on Gauss nodes.
 !>
-!> With x_n = w_n + offset + r x_(n-1) the kernel is symmetric under both laws: that of Eq. (25) by
-!> itself; that of one-at-a-time rejection because its chain is reversible, whence it is the other
-!> one over the root of the acceptances of both values. r > 0: K(m) >= 0; r < 0: K(m) changes its
-!> sign with every lag, and -r may exceed what a stationary Gaussian process has. Moments, sums over
-!> all lags and entropies are good to about 1e-10.
+!> With x_n = w_n + offset + r x_(n-1) both laws have a symmetric kernel. That of one-at-a-time
+!> rejection, whose chain is reversible, is that of Eq. (25) over the root of the acceptances of
+!> both values. r > 0: K(m) >= 0; r < 0: K(m) alternates, and -r may be larger than in any
+!> stationary Gaussian process. Moments, sums over all lags and entropies are good to about 1e-10.
 module process_positive_kernel
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
@@ -32,26 +31,26 @@ module process_positive_kernel
       !> sequential law: 1/E[1/alpha], E[alpha], exp E[ln alpha]
       real(wp) :: acceptance_ratio = 1.0_wp, acceptance_mean = 1.0_wp, acceptance_geometric = 1.0_wp
       real(wp), allocatable :: nodes(:)          !! (node)
-      real(wp), allocatable :: ahead(:)          !! (node) see `model%weights`
-      !> (node, node), its Perron value is 1 and taken out: the mean
+      real(wp), allocatable :: next_weights(:)   !! (node) see `model%weights`
+      !> (node, node) kernel over its Perron value, less its Perron part
       real(wp), allocatable, private :: kernel(:, :)
       real(wp), allocatable, private :: deviation(:)    !! (node) (x - mean) times Perron's vector
    contains
       procedure :: autocovariance
    end type first_order_law
 
-   real(wp), parameter :: beyond = 8.5_wp   !! std of a normal law: no mass to speak of beyond
+   real(wp), parameter :: beyond = 8.5_wp   !! distance in std where a normal law ends, to 1e-16
 
 contains
 
-   !> Computes the law of these parameters, with all that is known of it. Fails where nodes do not
+   !> Computes the law of these parameters with its moments and entropy. Fails if the nodes do not
    !> resolve it.
    subroutine new_first_order_law(r, slack, steepness, field, is_sequential, law, error)
       real(wp), intent(in) :: r, slack, steepness, field   !! see the type
       logical, intent(in) :: is_sequential
       type(first_order_law), intent(out) :: law
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: part(:), vector(:), weights(:)
+      real(wp), allocatable :: log_factor(:), vector(:), weights(:)
       real(wp) :: log_perron, log_scale, perron
       integer :: i
 
@@ -61,16 +60,16 @@ contains
       law%steepness = steepness
       law%field = field
       if (r > 0.0_wp) then
-         call lay_nodes(law, weights, part, vector)
+         call place_nodes(law, weights, log_factor, vector)
       else
-         call lay_alternating_nodes(law, weights, part, vector)
+         call place_alternating_nodes(law, weights, log_factor, vector)
       end if
-      log_scale = maxval(part)
-      part = part - log_scale
+      log_scale = maxval(log_factor)
+      log_factor = log_factor - log_scale
       associate (x => law%nodes)
          allocate (law%kernel(size(x), size(x)))
          do i = 1, size(x)
-            law%kernel(:, i) = part + part(i) &
+            law%kernel(:, i) = log_factor + log_factor(i) &
                                + merge(-0.5_wp*r*(x - x(i))**2, r*x*x(i), r > 0.0_wp)
             law%kernel(:, i) = sqrt(weights*weights(i))*exp(max(law%kernel(:, i), -700.0_wp))
          end do
@@ -84,26 +83,26 @@ contains
          if (allocated(error)) return
       end if
       law%kernel = law%kernel/perron
-      law%ahead = sqrt(weights)*exp(part)*max(vector, 0.0_wp)
+      law%next_weights = sqrt(weights)*exp(log_factor)*max(vector, 0.0_wp)
       do i = 1, size(vector)
          law%kernel(:, i) = law%kernel(:, i) - vector*vector(i)
       end do
-      call describe_sums(law, vector, error)
+      call compute_sums(law, vector, error)
       if (allocated(error)) return
       if (r < 0.0_wp) law%memory = decay_of(law)
       log_perron = log(perron) + 2.0_wp*log_scale
       if (.not. is_sequential) then
-         call describe_partition(law, log_perron)
+         call compute_partition(law, log_perron)
       else
-         call describe_acceptances(law, field + r*law%nodes, vector**2)
+         call compute_acceptances(law, field + r*law%nodes, vector**2)
       end if
    end subroutine new_first_order_law
 
-   !> Distance that the mass reaches beyond mu, or beyond 0 where mu < 0.
+   !> Distance from mu (mu < 0: from 0) beyond which there is no mass [b0].
    pure function reach_of(law) result(reach)
       type(first_order_law), intent(in) :: law
       real(wp) :: reach
-      real(wp), parameter :: far = 38.0_wp     ! -ln of what is left out
+      real(wp), parameter :: far = 38.0_wp     ! -ln of the mass that is left out
       real(wp) :: strength
 
       reach = beyond/sqrt(law%slack*(1.0_wp + law%r))
@@ -117,15 +116,15 @@ contains
       end if
    end function reach_of
 
-   !> Places Gauss nodes for r > 0 where the mass is, dense enough for the kernel's width; what is
-   !> left out is below 1e-15. Computes the ln of each node's factor in the kernel, beside
-   !> exp(-r (x - y)^2/2), for mu < 0 without exp(-(mu slack)^2/2); and, for the sequential law, the
-   !> ln of the root of its stationary density.
-   pure subroutine lay_nodes(law, weights, part, vector)
+   !> Places Gauss nodes for r > 0, dense enough for the width of the kernel; the mass left out is
+   !> below 1e-15. Computes ln of each node's factor in the kernel, beside exp(-r (x - y)^2/2), if
+   !> mu < 0 without exp(-(mu slack)^2/2); and for the sequential law ln of the root of the
+   !> stationary density.
+   pure subroutine place_nodes(law, weights, log_factor, vector)
       type(first_order_law), intent(inout) :: law
-      real(wp), allocatable, intent(out) :: weights(:), part(:), vector(:)   !! (node)
+      real(wp), allocatable, intent(out) :: weights(:), log_factor(:), vector(:)   !! (node)
       integer, parameter :: fewest = 48
-      real(wp), parameter :: density = 1.8_wp   ! of nodes, over the width of the kernel
+      real(wp), parameter :: density = 1.8_wp   ! nodes per width of the kernel
       real(wp), allocatable :: acceptance(:)
       real(wp) :: field, high, low, mu, reach
       integer :: n
@@ -140,23 +139,23 @@ contains
       call gauss_legendre(low, high, law%nodes, weights)
       field = min(law%field, 0.0_wp)
       associate (x => law%nodes)
-         part = -0.25_wp*(law%slack*(x - mu))**2 &
-                + 0.5_wp*field*merge(law%slack, 1.0_wp, law%is_sequential)*x
+         log_factor = -0.25_wp*(law%slack*(x - mu))**2 &
+                      + 0.5_wp*field*merge(law%slack, 1.0_wp, law%is_sequential)*x
          if (.not. law%is_sequential) return
          acceptance = 0.5_wp*log_acceptance(law%field + law%r*x) + 0.25_wp*field**2
-         part = part - acceptance
+         log_factor = log_factor - acceptance
          vector = (1.0_wp + law%r)*(0.5_wp*field*x - 0.25_wp*law%slack*(x - mu)**2) + acceptance
       end associate
-   end subroutine lay_nodes
+   end subroutine place_nodes
 
-   !> Does for r < 0 what `lay_nodes` does, beside exp(r x y), with nodes that are denser near 0,
-   !> where every other value is. phi(c)/Phi(c), c the conditional mean, stands for the acceptance.
-   pure subroutine lay_alternating_nodes(law, weights, part, vector)
+   !> Places nodes for r < 0 as `place_nodes` does, denser near 0, where every other value is. The
+   !> factors stand beside exp(r x y), with phi(c)/Phi(c) for the acceptance at conditional mean c.
+   pure subroutine place_alternating_nodes(law, weights, log_factor, vector)
       type(first_order_law), intent(inout) :: law
-      real(wp), allocatable, intent(out) :: weights(:), part(:), vector(:)   !! (node)
+      real(wp), allocatable, intent(out) :: weights(:), log_factor(:), vector(:)   !! (node)
       integer, parameter :: n_nodes = 128
       real(wp), parameter :: nodes_per_unit = 4.0_wp
-      real(wp), parameter :: far = 45.0_wp     ! -ln of what is left out
+      real(wp), parameter :: far = 45.0_wp     ! -ln of the mass that is left out
       real(wp), allocatable :: c(:), hazard(:), t(:)
       real(wp) :: reach
       integer :: n
@@ -168,17 +167,17 @@ contains
       call gauss_legendre(0.0_wp, 1.0_wp, t, weights)
       law%nodes = reach*t**3
       weights = 3.0_wp*reach*t**2*weights
-      part = 0.5_wp*law%field*law%nodes - 0.25_wp*law%steepness*law%nodes**2
+      log_factor = 0.5_wp*law%field*law%nodes - 0.25_wp*law%steepness*law%nodes**2
       if (.not. law%is_sequential) return
       c = law%field + law%r*law%nodes
       hazard = 0.5_wp*merge(log(hazard_ratio(min(c, 0.0_wp))), &
                             -0.5_wp*c**2 - log_sqrt_two_pi - log_acceptance(max(c, 0.0_wp)), &
                             c < 0.0_wp)
-      vector = part - hazard
-      part = part + hazard
-   end subroutine lay_alternating_nodes
+      vector = log_factor - hazard
+      log_factor = log_factor + hazard
+   end subroutine place_alternating_nodes
 
-   !> Modulus of the second eigenvalue.
+   !> Modulus of the second eigenvalue of the kernel: |K(m + 1)/K(m)| for large m.
    pure function decay_of(law) result(decay)
       type(first_order_law), intent(in) :: law
       real(wp) :: decay
@@ -193,9 +192,8 @@ contains
       decay = norm2(vector)
    end function decay_of
 
-   !> Finds the largest eigenvalue and its vector, the only one of one sign: by inverse iteration
-   !> with shifts above that value, once powers have made it the largest part of the vector, so that
-   !> no other one is nearer. Fails where the kernel is not finite.
+   !> Finds the largest eigenvalue and its vector by power iteration, then by inverse iteration with
+   !> shifts above the eigenvalue. Fails if the kernel is not finite.
    subroutine find_perron(kernel, vector, perron, error)
       real(wp), intent(in) :: kernel(:, :)               !! (n, n) symmetric, positive
       real(wp), allocatable, intent(out) :: vector(:)    !! (n) of norm 1
@@ -204,7 +202,7 @@ contains
       integer, parameter :: n_powers = 30, max_steps = 12
       real(wp), parameter :: settled = 1.0e-13_wp
       real(wp), allocatable :: next(:), shifted(:, :)
-      real(wp) :: rest
+      real(wp) :: residual
       integer :: i, step
 
       allocate (vector(size(kernel, 1)), source=1.0_wp)
@@ -215,11 +213,11 @@ contains
       do step = 0, max_steps
          next = matmul(kernel, vector)
          perron = dot_product(vector, next)
-         rest = norm2(next - perron*vector)
-         if (rest <= settled*perron) return
+         residual = norm2(next - perron*vector)
+         if (residual <= settled*perron) return
          shifted = kernel
          do i = 1, size(vector)
-            shifted(i, i) = shifted(i, i) - (perron + rest)
+            shifted(i, i) = shifted(i, i) - (perron + residual)
          end do
          call solve_linear_system(shifted, vector, next, error)
          if (allocated(error)) return
@@ -228,9 +226,9 @@ contains
       call raise(error, exit_no_solution, 'positive process of order 1: nodes do not resolve it')
    end subroutine find_perron
 
-   !> Computes mean, std and both lengths: with w = (x - mean) v the lags are K(m) = w'A^m w, |K(m)|
-   !> the same of -A where they alternate.
-   subroutine describe_sums(law, vector, error)
+   !> Computes mean, std and both lengths. With w = (x - mean) v, K(m) = w'A^m w; alternating |K(m)|
+   !> are those of -A.
+   subroutine compute_sums(law, vector, error)
       type(first_order_law), intent(inout) :: law
       real(wp), intent(in) :: vector(:)   !! (node)
       type(error_type), allocatable, intent(out) :: error
@@ -250,11 +248,11 @@ contains
       if (allocated(error)) return
       law%l0 = dot_product(law%deviation, z(:, 1))/variance - 1.0_wp
       law%l1 = dot_product(z(:, 1), z(:, 1) - law%deviation)/dot_product(law%deviation, z(:, 1))
-   end subroutine describe_sums
+   end subroutine compute_sums
 
    !> Computes Lambda and the entropy of the exact law, by E[x_i dE/dx_i] = 1, E the exponent of the
    !> density.
-   pure subroutine describe_partition(law, log_perron)
+   pure subroutine compute_partition(law, log_perron)
       type(first_order_law), intent(inout) :: law
       real(wp), intent(in) :: log_perron
       real(wp) :: psi   ! ln Z per point
@@ -266,14 +264,14 @@ contains
       law%log_lambda = log_perron - log_sqrt_two_pi
       if (law%field < 0.0_wp) &
          law%log_lambda = law%log_lambda - 0.5_wp*(law%field/law%slack)**2
-   end subroutine describe_partition
+   end subroutine compute_partition
 
-   !> Computes acceptances and entropy of the sequential law, E[ln sqrt(2 pi e) + ln alpha - c
-   !> phi(c)/(2 alpha)].
-   pure subroutine describe_acceptances(law, c, density)
+   !> Computes acceptances and entropy of the sequential law, E[ln sqrt(2 pi e) + ln alpha
+   !> - c phi(c)/(2 alpha)].
+   pure subroutine compute_acceptances(law, c, density)
       type(first_order_law), intent(inout) :: law
       real(wp), intent(in) :: c(:)         !! (node) conditional mean of the next value
-      real(wp), intent(in) :: density(:)   !! (node) weights included
+      real(wp), intent(in) :: density(:)   !! (node) stationary density times weight
       real(wp) :: log_alpha(size(c))
 
       log_alpha = log_acceptance(c)
@@ -282,7 +280,7 @@ contains
       law%acceptance_geometric = exp(max(sum(density*log_alpha), -700.0_wp))
       law%entropy = log_sqrt_two_pi + 0.5_wp &
                     + sum(density*(log_alpha - 0.5_wp*c*hazard_ratio(c)))
-   end subroutine describe_acceptances
+   end subroutine compute_acceptances
 
    !> K(m), m = 0..n_lags.
    pure function autocovariance(self, n_lags) result(k)

@@ -1,26 +1,28 @@
-!> Moments, lengths and entropy of a sampled positive process with their standard errors. Averages
-!> over independent batches are freed of the noise that they share with quantities of known mean.
+!> Moments, correlation lengths and entropy of a simulated positive process, with standard errors.
+!>
+!> Control variates reduce the error of each average over batches: a linear companion process, whose
+!> moments are known, shares most of its noise.
 module process_positive_moments
    use core_kinds, only: wp
    use process_positive_truncated_normal, only: lanes
    implicit none(type, external)
    private
    public :: batch_averages, new_batches, positive_moments, estimate_moments, &
-      estimate_autocovariance, estimate_products
+             estimate_autocovariance, estimate_products
    public :: add_products, n_acceptance_sums
 
-   !> alpha, 1/alpha, ln alpha, c phi(c)/(2 alpha)
+   !> sums of alpha, 1/alpha, ln alpha and c phi(c)/(2 alpha), alpha the acceptance probability
    integer, parameter :: n_acceptance_sums = 4
 
-   !> Averages over independent stretches of a run; `x` and `y` hold d, then d_n d_(n-m) for m =
-   !> 0..n_single, then of the lags beyond, up to n_lags, the sums of d_n d_(n-m) and of m d_n
-   !> d_(n-m): their cost does not depend on the number of lags.
+   !> Averages over the batches of a run. Rows of `x` and `y`: d_n, then d_n d_(n-m) for m =
+   !> 0..n_single, then the sums over m = n_single+1..n_lags of d_n d_(n-m) and of m d_n d_(n-m),
+   !> whose cost does not depend on the number of lags.
    type :: batch_averages
       real(wp) :: centre = 0.0_wp                !! d = x - centre
-      integer :: n_lags = 0
-      integer :: n_single = 0
+      integer :: n_lags = 0                      !! largest lag of the sums
+      integer :: n_single = 0                    !! largest lag with an average of its own
       real(wp), allocatable :: x(:, :)           !! (-1:n_single + 2, batch)
-      !> (-1:n_single + 2, batch) of a companion of known moments
+      !> (-1:n_single + 2, batch) the same averages of the companion, whose moments are known
       real(wp), allocatable :: y(:, :)
       real(wp), allocatable :: acceptance(:, :)  !! (n_acceptance_sums, batch)
    end type batch_averages
@@ -34,18 +36,19 @@ module process_positive_moments
       real(wp) :: l1 = 0.0_wp, l1_error = 0.0_wp
       real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp   !! of x/std; sequential law only
       real(wp) :: acceptance_ratio = 1.0_wp, acceptance_mean = 1.0_wp, acceptance_geometric = 1.0_wp
-      !> (batch, 5) what is left of each batch's deviation: mean, ratio, L0, L1, entropy
-      real(wp), allocatable :: rests(:, :)
+      !> (batch, 5) deviations of the batches less what the controls explain: mean, ratio, L0, L1,
+      !> entropy
+      real(wp), allocatable :: residuals(:, :)
    end type positive_moments
 
-   !> Orthonormal controls over the batches, and what remains of their averages' errors.
+   !> Control variates: orthonormal combinations of the companion's averages.
    type :: control_type
       private
       real(wp), allocatable :: direction(:, :)   !! (batch, control), centred, orthonormal
-      !> (control) average less known mean, same combination
+      !> (control) average over the batches less the known mean
       real(wp), allocatable :: excess(:)
    contains
-      procedure :: free
+      procedure :: correct
       procedure :: standard_error
    end type control_type
 
@@ -53,7 +56,7 @@ module process_positive_moments
 
 contains
 
-   !> Empty batches.
+   !> Batches whose averages are 0.
    pure function new_batches(n_lags, n_single, n_batches) result(batches)
       integer, intent(in) :: n_lags, n_single, n_batches
       type(batch_averages) :: batches
@@ -65,7 +68,7 @@ contains
       allocate (batches%acceptance(n_acceptance_sums, n_batches), source=0.0_wp)
    end function new_batches
 
-   !> Adds the rows of `batch_averages` over a block of steps of all lanes.
+   !> Adds the rows of `batch_averages` summed over a block of steps, for all lanes.
    pure subroutine add_products(history, n_steps, n_single, n_lags, d, sums)
       integer, intent(in) :: history, n_steps, n_single, n_lags   !! history: at least n_lags
       real(wp), intent(in) :: d(lanes, 1 - history:n_steps)
@@ -106,8 +109,7 @@ contains
                                                    sums(:, n_single + 1), sums(:, n_single + 2))
    end subroutine add_products
 
-   !> Adds the products of lags `first` to `last`, by sums over the past that move along with the
-   !> step.
+   !> Adds the products of lags `first` to `last`, by moving sums over the past.
    pure subroutine add_far_products(history, n_steps, first, last, d, plain, weighted)
       integer, intent(in) :: history, n_steps, first, last
       real(wp), intent(in) :: d(lanes, 1 - history:n_steps)
@@ -133,15 +135,15 @@ contains
       end do
    end subroutine add_far_products
 
-   !> Moments, lengths, entropy and acceptances. What lies beyond the last lag is taken from the
-   !> companion; lags without a row of their own are positive. The std is 0 where the variance is
-   !> lost in rounding: nothing else is known then.
+   !> Moments, lengths, entropy and acceptances. Sums beyond the last lag are the companion's; lags
+   !> without a row of their own count with a positive sign. Where rounding hides the variance the
+   !> std is 0, and nothing else is known.
    pure function estimate_moments(batches, companion, order, tail_l0, tail_moment, signs) &
       result(moments)
       type(batch_averages), intent(in) :: batches
-      !> autocovariance of y, m = 0..n_lags, or up to less than n_single: sums are then cut there
+      !> autocovariance of y, m = 0..n_lags; sums are cut at its last lag if that is below n_single
       real(wp), intent(in) :: companion(0:)
-      !> lags that are controls of their own: coefficients move them
+      !> number of lags that are controls of their own, those that the coefficients move
       integer, intent(in) :: order
       real(wp), intent(in) :: tail_l0          !! sum of |rho(m)| beyond n_lags
       real(wp), intent(in) :: tail_moment      !! sum of m |rho(m)| beyond n_lags
@@ -150,9 +152,9 @@ contains
       type(control_type) :: control
       real(wp), allocatable :: weights(:, :)   ! (0:last, 3) of rows: K(0), sum |K|, sum m |K|
       real(wp), allocatable :: known(:)        ! (0:last) rows of the companion
-      real(wp), allocatable :: n_products(:)   ! (0:last) with their weights
-      real(wp), dimension(size(batches%x, 2), 3) :: rest
-      real(wp), dimension(size(batches%x, 2)) :: centre_rest, work
+      real(wp), allocatable :: n_products(:)   ! (0:last) number of products of a row
+      real(wp), dimension(size(batches%x, 2), 3) :: residual
+      real(wp), dimension(size(batches%x, 2)) :: centre_residual, work
       real(wp) :: k(3), n, offset, unused
       integer :: i, last
 
@@ -161,43 +163,45 @@ contains
       control = controls_of(batches, known, weights, order)
 
       ! each average by itself, then what is not linear in them: no bias of second order
-      call control%free(batches%x(-1, :), offset, centre_rest)
+      call control%correct(batches%x(-1, :), offset, centre_residual)
       do i = 1, 3
-         call control%free(matmul(weights(:, i), batches%x(0:last, :)), k(i), rest(:, i))
+         call control%correct(matmul(weights(:, i), batches%x(0:last, :)), k(i), residual(:, i))
          n = dot_product(weights(:, i), n_products)
          k(i) = k(i) - n*offset**2
-         rest(:, i) = rest(:, i) - n*2.0_wp*offset*centre_rest
+         residual(:, i) = residual(:, i) - n*2.0_wp*offset*centre_residual
       end do
       if (.not. k(1) > 0.0_wp) return
       moments%mean = batches%centre + offset
-      allocate (moments%rests(size(work), 5))
-      moments%rests(:, 1) = centre_rest
-      moments%mean_error = control%standard_error(centre_rest)
+      allocate (moments%residuals(size(work), 5))
+      moments%residuals(:, 1) = centre_residual
+      moments%mean_error = control%standard_error(centre_residual)
       moments%std = sqrt(k(1))
-      moments%std_error = control%standard_error(0.5_wp*rest(:, 1)/moments%std)
+      moments%std_error = control%standard_error(0.5_wp*residual(:, 1)/moments%std)
       moments%ratio = moments%std/moments%mean
-      moments%rests(:, 2) = moments%ratio*(0.5_wp*rest(:, 1)/k(1) - centre_rest/moments%mean)
-      moments%ratio_error = control%standard_error(moments%rests(:, 2))
+      moments%residuals(:, 2) = moments%ratio*(0.5_wp*residual(:, 1)/k(1) &
+                                               - centre_residual/moments%mean)
+      moments%ratio_error = control%standard_error(moments%residuals(:, 2))
       moments%l0 = k(2)/k(1) + tail_l0
-      moments%rests(:, 3) = (rest(:, 2) - k(2)/k(1)*rest(:, 1))/k(1)
-      moments%l0_error = control%standard_error(moments%rests(:, 3))
+      moments%residuals(:, 3) = (residual(:, 2) - k(2)/k(1)*residual(:, 1))/k(1)
+      moments%l0_error = control%standard_error(moments%residuals(:, 3))
       moments%l1 = (k(3)/k(1) + tail_moment)/(1.0_wp + moments%l0)
-      work = rest(:, 3) - k(3)/(k(1) + k(2))*(rest(:, 1) + rest(:, 2))
-      moments%rests(:, 4) = work/(k(1) + k(2))
-      moments%l1_error = control%standard_error(moments%rests(:, 4))
+      work = residual(:, 3) - k(3)/(k(1) + k(2))*(residual(:, 1) + residual(:, 2))
+      moments%residuals(:, 4) = work/(k(1) + k(2))
+      moments%l1_error = control%standard_error(moments%residuals(:, 4))
 
-      call control%free(batches%acceptance(3, :) - batches%acceptance(4, :), moments%entropy, work)
+      call control%correct(batches%acceptance(3, :) - batches%acceptance(4, :), &
+                           moments%entropy, work)
       moments%entropy = moments%entropy + half_log_two_pi_e - log(moments%std)
-      moments%rests(:, 5) = work - 0.5_wp*rest(:, 1)/k(1)
-      moments%entropy_error = control%standard_error(moments%rests(:, 5))
-      call control%free(batches%acceptance(1, :), moments%acceptance_mean, work)
+      moments%residuals(:, 5) = work - 0.5_wp*residual(:, 1)/k(1)
+      moments%entropy_error = control%standard_error(moments%residuals(:, 5))
+      call control%correct(batches%acceptance(1, :), moments%acceptance_mean, work)
       if (any(batches%acceptance(2, :) > 0.0_wp)) &
          moments%acceptance_ratio = size(work)/sum(batches%acceptance(2, :))
-      call control%free(batches%acceptance(3, :), unused, work)
+      call control%correct(batches%acceptance(3, :), unused, work)
       moments%acceptance_geometric = exp(unused)
    end function estimate_moments
 
-   !> Arranges weights and known values of the rows of the batches, to the companion's last lag.
+   !> Computes weights and known values of the rows of the batches, to the companion's last lag.
    pure subroutine arrange_rows(batches, companion, signs, weights, known, n_products)
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:), signs(0:)
@@ -227,14 +231,14 @@ contains
       real(wp), intent(in) :: weights(0:)     !! w_m, m = 0..n_lags
       real(wp), intent(out) :: value, standard_error
       type(control_type) :: control
-      real(wp) :: rest(size(batches%x, 2))
+      real(wp) :: residual(size(batches%x, 2))
 
       control = controls_of(batches, companion, reshape(weights, [size(weights), 1]), 1)
-      call control%free(matmul(weights, batches%x(0:ubound(weights, 1), :)), value, rest)
-      standard_error = control%standard_error(rest)
+      call control%correct(matmul(weights, batches%x(0:ubound(weights, 1), :)), value, residual)
+      standard_error = control%standard_error(residual)
    end subroutine estimate_products
 
-   !> Known values of the companion: its mean, the weighted sums of its lags, the first lags.
+   !> Controls: the companion's mean, the weighted sums of its lags, and its first lags.
    pure function controls_of(batches, companion, weights, order) result(control)
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:), weights(:, :)   !! (row), (row, sum)
@@ -255,37 +259,39 @@ contains
       control = new_control(deviations)
    end function controls_of
 
-   !> Estimates K(m), m = 0..last, and standard errors; each lag with its own lag of the companion
-   !> as a control.
+   !> Estimates K(m), m = 0..last, and standard errors. Controls are the companion's mean, variance
+   !> and the same lag.
    pure subroutine estimate_autocovariance(batches, companion, last, autocovariance, &
-                                           standard_error, rests)
+                                           standard_error, residuals)
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:)
       integer, intent(in) :: last
-      real(wp), allocatable, intent(out) :: autocovariance(:), standard_error(:)   !! (0:last)
-      !> (batch, 0:last) what is left of each batch's deviation
-      real(wp), intent(out), optional :: rests(:, 0:)
+      real(wp), allocatable, intent(out) :: autocovariance(:)             !! (0:last)
+      real(wp), allocatable, intent(out), optional :: standard_error(:)   !! (0:last)
+      !> (batch, 0:last) deviations of the batches less what the controls explain
+      real(wp), intent(out), optional :: residuals(:, 0:)
       type(control_type) :: control
-      real(wp), dimension(size(batches%x, 2)) :: centre_rest, rest
-      real(wp) :: deviations(size(rest), 3), offset
+      real(wp), dimension(size(batches%x, 2)) :: centre_residual, residual
+      real(wp) :: deviations(size(residual), 3), offset
       integer :: m
 
-      allocate (autocovariance(0:last), standard_error(0:last))
+      allocate (autocovariance(0:last))
+      if (present(standard_error)) allocate (standard_error(0:last))
       do m = 0, last
          deviations(:, 1) = batches%y(-1, :)
          deviations(:, 2) = batches%y(0, :) - companion(0)
          deviations(:, 3) = batches%y(m, :) - companion(m)
          control = new_control(deviations)
-         call control%free(batches%x(-1, :), offset, centre_rest)
-         call control%free(batches%x(m, :), autocovariance(m), rest)
+         call control%correct(batches%x(-1, :), offset, centre_residual)
+         call control%correct(batches%x(m, :), autocovariance(m), residual)
          autocovariance(m) = autocovariance(m) - offset**2
-         rest = rest - 2.0_wp*offset*centre_rest
-         standard_error(m) = control%standard_error(rest)
-         if (present(rests)) rests(:, m) = rest
+         residual = residual - 2.0_wp*offset*centre_residual
+         if (present(standard_error)) standard_error(m) = control%standard_error(residual)
+         if (present(residuals)) residuals(:, m) = residual
       end do
    end subroutine estimate_autocovariance
 
-   !> Controls from their batch averages less their known means.
+   !> Orthonormal controls from batch averages less their known means.
    pure function new_control(deviations) result(control)
       real(wp), intent(in) :: deviations(:, :)   !! (batch, control)
       type(control_type) :: control
@@ -308,42 +314,42 @@ contains
             end do
          end do
          norm = norm2(column)
-         if (norm < 1.0e-8_wp) cycle   ! says nothing that the others do not
+         if (norm < 1.0e-8_wp) cycle   ! depends on the others
          control%direction = reshape([control%direction, column/norm], &
                                      [size(column), size(control%excess) + 1])
          control%excess = [control%excess, excess/norm]
       end do
    end function new_control
 
-   !> Frees the average over the batches of the error that the controls explain; `rest` is what they
-   !> leave of each batch's deviation. Exact for a quantity that is linear in the controls.
-   pure subroutine free(self, series, average, rest)
+   !> Computes the average over the batches less the error that the controls explain, and the
+   !> residuals of the batches. Exact for a quantity that is linear in the controls.
+   pure subroutine correct(self, series, average, residual)
       class(control_type), intent(in) :: self
       real(wp), intent(in) :: series(:)   !! (batch)
       real(wp), intent(out) :: average
-      real(wp), intent(out) :: rest(:)    !! (batch) of mean 0
+      real(wp), intent(out) :: residual(:)    !! (batch) of mean 0
       real(wp) :: share
       integer :: j
 
       average = sum(series)/size(series)
-      rest = series - average
+      residual = series - average
       do j = 1, size(self%excess)
-         share = dot_product(self%direction(:, j), rest)
-         rest = rest - share*self%direction(:, j)
+         share = dot_product(self%direction(:, j), residual)
+         residual = residual - share*self%direction(:, j)
          average = average - share*self%excess(j)
       end do
-   end subroutine free
+   end subroutine correct
 
-   !> Standard error of an average, from the residuals of its batches. Batches of one run may depend
-   !> on each other, runs do not: batch i belongs to run mod(i, lanes).
-   pure function standard_error(self, rest) result(error)
+   !> Standard error of an average, from the residuals of its batches. Batch i belongs to the run
+   !> modulo(i - 1, lanes); runs are independent, batches of one run need not be.
+   pure function standard_error(self, residual) result(error)
       class(control_type), intent(in) :: self
-      real(wp), intent(in) :: rest(:)     !! (batch)
+      real(wp), intent(in) :: residual(:)     !! (batch)
       real(wp) :: error
       real(wp) :: n, runs(lanes)
 
-      n = size(rest)
-      runs = sum(reshape(rest, [lanes, size(rest)/lanes]), dim=2)/n
+      n = size(residual)
+      runs = sum(reshape(residual, [lanes, size(residual)/lanes]), dim=2)/n
       error = sqrt(sum(runs**2)*lanes/(lanes - 1.0_wp)*n/(n - size(self%excess)))
    end function standard_error
 

@@ -1,8 +1,8 @@
-!> A sampled problem as a function to be maximized: entropy under a wanted std/mean and correlation
-!> length, by averages over the same random numbers at every trial.
+!> Entropy of a simulated positive process as the function that a search maximizes, with std/mean
+!> and the correlation length as constraints.
 !>
-!> A family produces the parameters of a law from a point; each evaluation leaves an estimate. All
-!> is in units of b0.
+!> A family turns a point into the parameters of a law. Each evaluation simulates that law with the
+!> same random numbers, so that the function is smooth. Everything is in units of b0.
 module process_positive_objective
    use core_kinds, only: wp
    use core_random, only: stream_type
@@ -10,10 +10,10 @@ module process_positive_objective
    use process_autoregressive_model, only: reflection_of
    use process_correlation, only: constraint_weights
    use process_positive_exact, only: entropy_of_exact_law, log_partition, sample_exact, &
-      sweeps_to_forget
+                                     sweeps_to_forget
    use process_positive_family, only: by_symbol, law_estimate, parameter_family
    use process_positive_moments, only: estimate_autocovariance, estimate_moments, new_batches, &
-      positive_moments
+                                       positive_moments
    use process_positive_problem, only: sampled_problem
    use process_positive_sequential, only: sample_sequential
    use process_positive_truncated_normal, only: lanes
@@ -21,85 +21,80 @@ module process_positive_objective
    private
    public :: sampled_objective, new_objective
 
-   integer, parameter :: n_batches = 16*lanes
-   real(wp), parameter :: largest_ratio = 20.0_wp   !! std/mean: beyond, chains run away
+   integer, parameter :: n_batches = 16*lanes       !! batches of a simulation
+   real(wp), parameter :: largest_ratio = 20.0_wp   !! std/mean of chains that diverge
 
-   !> The problem, the way to its parameters, how long is simulated, and the last estimate. A point
-   !> is one of the family; constraints are the ratio, the length (both: L0 and L1 after it),
-   !> K(m)/K(0) of the lags where it is held at 0.
+   !> State of a search: problem, family of its points, length of simulations, last evaluation.
+   !> Constraints are std/mean, the length (or L0 and L1), and K(m)/K(0) of lags where it is 0.
    type, extends(objective_type) :: sampled_objective
       type(sampled_problem) :: problem
       type(parameter_family) :: family
       integer, allocatable :: zeros(:)               !! lags where K(m) is held at 0
-      real(wp), allocatable :: known(:)              !! (0:n_lags) autocovariance of the companion
-      real(wp), allocatable :: signs(:)              !! (0:n_lags) of K(m), by which sums are taken
-      integer :: n_burn_in = 0                       !! steps, or sweeps
-      integer :: n_steps = 0                         !! of a batch
-      !> near the mean: where chains start, and products are taken about it, so that hardly anything
-      !> is left of what enters and leaves at the ends of a batch
+      real(wp), allocatable :: signs(:)              !! (0:n_lags) assumed signs of K(m)
+      integer :: n_burn_in = 0                       !! steps (exact law: sweeps) of the burn-in
+      integer :: n_steps = 0                         !! steps of a batch
+      !> start of chains and origin of products, near the mean, which keeps the terms at the ends of
+      !> a batch small
       real(wp) :: centre = 1.0_wp
-      !> values simulated so far, in units of those of low order, and how many at most: a bound
-      !> that does not depend on the machine, some 40 s of a processor
-      real(wp) :: effort = 0.0_wp, most_effort = 4.0e9_wp
-      type(law_estimate) :: last                     !! of the last evaluation
-      !> (batch, component) what is left of each batch's deviation from its state: of multipliers
-      !> that of the first one alone, by the mean
-      real(wp), allocatable :: rests(:, :)
-      real(wp), allocatable :: state(:)              !! of the last evaluation
-      !> exact law: ln Z per point, `log_partition`, and its standard error, once it is found
+      !> simulated values, weighted by their cost, and their bound, some 40 s of a processor
+      real(wp) :: effort = 0.0_wp, max_effort = 4.0e9_wp
+      type(law_estimate) :: last                     !! law and moments of the last evaluation
+      !> (batch, component) deviations of the batches from the state, less what controls explain;
+      !> of the multipliers' components only the first one has any
+      real(wp), allocatable :: residuals(:, :)
+      real(wp), allocatable :: state(:)              !! state of the last evaluation
+      !> exact law: ln Z per point by `log_partition`, and its standard error
       real(wp) :: psi = 0.0_wp, psi_error = 0.0_wp
    contains
       procedure :: evaluate
       procedure :: gain
-      procedure :: settle
-      procedure :: keep_lags
+      procedure :: set_burn_in
+      procedure :: set_single_lags
       procedure :: hold_at_zero
       procedure :: is_exhausted
       procedure :: find_entropy
+      procedure :: estimate_lags
    end type sampled_objective
 
 contains
 
-   !> Begins the objective of a problem, in the family of the direct method's symbol or free.
+   !> Makes the objective of a problem, in the family by_symbol (direct method) or by_reflection.
    subroutine new_objective(problem, objective)
       type(sampled_problem), intent(in) :: problem
       type(sampled_objective), intent(out) :: objective
-      real(wp), parameter :: inside = 1.0_wp - 1.0e-9_wp   ! of [-1, 1]
+      real(wp), parameter :: inside = 1.0_wp - 1.0e-9_wp   ! |s_m| of a free s_m, at most
       real(wp), allocatable :: weights(:)   ! a_m, m = 0..m_max
       integer :: m
 
       objective%problem = problem
       objective%n_constraints = merge(3, 2, problem%request%correlation == 'both')
-      objective%known = problem%autocovariance
       allocate (objective%signs(0:problem%n_lags), source=sign(1.0_wp, problem%autocovariance))
       allocate (objective%zeros(0), objective%family%faces(0))
       allocate (objective%last%g(0:size(problem%companion)), source=0.0_wp)
       if (allocated(problem%symbol)) then
          weights = constraint_weights(problem%request%correlation, &
                                       problem%request%correlation_length, size(problem%symbol))
-         ! some |s_m| are 1, and no other lag has a larger |G_m/a_m|; where a_m = 0 the sign does
-         ! not matter
+         ! |s_m| = 1 where |G_m/a_m| is largest; where a_m = 0 the sign does not matter
          associate (a => weights(2:), symbol => problem%symbol, family => objective%family)
             family%kind = by_symbol
             family%direction = a*maxval(abs(symbol)/abs(a), abs(a) > 0.0_wp)
             family%s = spread(1.0_wp, 1, size(a))
             where (abs(a) > 0.0_wp) family%s = symbol/family%direction
             objective%zeros = pack([(m, m=1, size(a))], abs(family%s) < inside)
-            ! the companion's K(m) need not have the signs that were given
+            ! the companion's K(m) may have other signs than the sequence
             where (abs(a) > 0.0_wp .and. abs(family%s) >= inside) &
                objective%signs(1:size(a)) = sign(1.0_wp, family%s)
-            family%free = objective%zeros
-            family%start = [0.0_wp, family%s(family%free)]
+            family%free_lags = objective%zeros
+            family%start = [0.0_wp, family%s(family%free_lags)]
          end associate
       else
          objective%family%start = atanh(reflection_of(problem%companion))
       end if
       objective%n_constraints = objective%n_constraints + size(objective%zeros)
-      call objective%keep_lags()
+      call objective%set_single_lags()
    end subroutine new_objective
 
-   !> Evaluates ratio and length or lengths relative to what is wanted, then the features that
-   !> `gain` needs.
+   !> Evaluates the state of a point: constraints, then the features that `gain` needs.
    subroutine evaluate(self, point, state, is_inside)
       class(sampled_objective), intent(inout) :: self
       real(wp), intent(in) :: point(:)
@@ -107,11 +102,11 @@ contains
       logical, intent(out) :: is_inside
 
       associate (problem => self%problem, last => self%last)
-         call self%family%unfold(point, last, is_inside)
+         call self%family%set_parameters(point, last, is_inside)
          is_inside = is_inside .and. .not. self%is_exhausted()
          if (.not. is_inside) return
          call simulate(self)
-         last%moments = estimate_moments(last%batches, self%known, ubound(last%g, 1), &
+         last%moments = estimate_moments(last%batches, problem%autocovariance, ubound(last%g, 1), &
                                          problem%tail_l0, problem%tail_moment, self%signs)
          is_inside = last%moments%std > 0.0_wp .and. last%moments%ratio < largest_ratio
          if (.not. is_inside) return
@@ -120,37 +115,37 @@ contains
       end associate
    end subroutine evaluate
 
-   !> Computes the state of the last estimate, and its rests. Features: sequential law, the entropy
-   !> of x/std; exact law, moments m, K(0..order), and their multipliers.
+   !> Computes the state of the last simulation, and its residuals. Features of the sequential law:
+   !> entropy of x/std; of the exact law: mean, K(0..order), and the multipliers of these moments.
    subroutine describe_state(self, state)
       class(sampled_objective), intent(inout) :: self
       real(wp), allocatable, intent(out) :: state(:)
       type(positive_moments) :: cut   ! where lengths are imposed as finite sums
-      real(wp), allocatable :: k(:), lags(:, :), unused(:)
+      real(wp), allocatable :: k(:), lags(:, :)
       real(wp) :: g(0:ubound(self%last%g, 1))
       integer :: i, n, n_features
 
       associate (problem => self%problem, last => self%last, all => self%last%moments)
          cut = all
-         if (problem%cut > 0) cut = estimate_moments(last%batches, self%known(:problem%cut), &
-                                                     problem%cut, 0.0_wp, 0.0_wp, &
-                                                     self%signs(:problem%cut))
+         if (problem%cut > 0) &
+            cut = estimate_moments(last%batches, problem%autocovariance(:problem%cut), &
+                                   problem%cut, 0.0_wp, 0.0_wp, self%signs(:problem%cut))
          n_features = merge(2*size(g) + 2, 1, problem%is_exact)
          n = max(0, maxval(self%zeros), merge(ubound(g, 1), 0, problem%is_exact))
          allocate (state(0), lags(n_batches, 0:n))
-         if (n > 0) call estimate_autocovariance(last%batches, self%known, n, k, unused, lags)
-         if (allocated(self%rests)) deallocate (self%rests)
-         allocate (self%rests(n_batches, self%n_constraints + n_features), source=0.0_wp)
-         call add(all%ratio/problem%ratio - 1.0_wp, all%rests(:, 2)/problem%ratio)
+         if (n > 0) call self%estimate_lags(n, k, residuals=lags)
+         if (allocated(self%residuals)) deallocate (self%residuals)
+         allocate (self%residuals(n_batches, self%n_constraints + n_features), source=0.0_wp)
+         call add(all%ratio/problem%ratio - 1.0_wp, all%residuals(:, 2)/problem%ratio)
          associate (length => problem%request%correlation_length, &
                     second => problem%request%second_length)
             if (problem%request%correlation == 'L1') then
-               call add(cut%l1/length - 1.0_wp, cut%rests(:, 4)/length)
+               call add(cut%l1/length - 1.0_wp, cut%residuals(:, 4)/length)
             else
-               call add(cut%l0/length - 1.0_wp, cut%rests(:, 3)/length)
+               call add(cut%l0/length - 1.0_wp, cut%residuals(:, 3)/length)
             end if
             if (self%n_constraints - size(self%zeros) == 3) &
-               call add(cut%l1/second - 1.0_wp, cut%rests(:, 4)/second)
+               call add(cut%l1/second - 1.0_wp, cut%residuals(:, 4)/second)
          end associate
          do i = 1, size(self%zeros)
             associate (rho => k(self%zeros(i))/k(0))
@@ -158,31 +153,31 @@ contains
             end associate
          end do
          if (.not. problem%is_exact) then
-            call add(all%entropy, all%rests(:, 5))
+            call add(all%entropy, all%residuals(:, 5))
             return
          end if
          g = last%g
          g(0) = 0.5_wp*g(0)
-         call add(all%mean, all%rests(:, 1))
+         call add(all%mean, all%residuals(:, 1))
          do i = 0, ubound(g, 1)
             call add(k(i), lags(:, i))
          end do
-         call add(2.0_wp*all%mean*sum(g) - last%coordinate, 2.0_wp*sum(g)*all%rests(:, 1))
+         call add(2.0_wp*all%mean*sum(g) - last%field, 2.0_wp*sum(g)*all%residuals(:, 1))
          state = [state, g]
       end associate
 
    contains
 
-      subroutine add(value, rest)
-         real(wp), intent(in) :: value, rest(:)
+      subroutine add(value, residual)
+         real(wp), intent(in) :: value, residual(:)
 
          state = [state, value]
-         self%rests(:, size(state)) = rest
+         self%residuals(:, size(state)) = residual
       end subroutine add
 
    end subroutine describe_state
 
-   !> Simulates the law, by the same numbers at every trial.
+   !> Simulates the law, with the same random numbers at every evaluation.
    subroutine simulate(self)
       class(sampled_objective), intent(inout) :: self
       type(stream_type) :: stream
@@ -192,49 +187,49 @@ contains
       if (self%problem%is_exact) then
          n = max(self%n_steps/ring_length(self), 2)   ! sweeps
          call count_values(self, (self%n_burn_in + n_batches/lanes*n)*ring_length(self))
-         call sample_exact(self%last%g, self%last%coordinate, self%problem%companion, self%centre, &
+         call sample_exact(self%last%g, self%last%field, self%problem%companion, self%centre, &
                            ring_length(self), self%n_burn_in, n, stream, self%last%batches)
       else
          n = max(self%n_steps, self%problem%n_lags)
          call count_values(self, self%n_burn_in + n_batches/lanes*n)
-         call sample_sequential(self%last%a, self%last%coordinate, self%problem%companion, &
+         call sample_sequential(self%last%a, self%last%field, self%problem%companion, &
                                 self%centre, self%n_burn_in, n, stream, self%last%batches)
       end if
    end subroutine simulate
 
-   !> Exact law: values per ring; K has fallen below 1e-8 before it comes around.
+   !> Values per ring (exact law): K(m) is below 1e-8 K(0) half a ring away.
    pure integer function ring_length(self)
       class(sampled_objective), intent(in) :: self
 
       ring_length = max(3*self%problem%n_lags, 64)
    end function ring_length
 
-   !> Counts simulated values: one of high order costs more, and so does each lag that is kept.
+   !> Counts simulated values, weighted by what the order and the single lags make them cost.
    pure subroutine count_values(self, n_steps)
       class(sampled_objective), intent(inout) :: self
-      integer, intent(in) :: n_steps   !! of all lanes
+      integer, intent(in) :: n_steps   !! steps of each lane
 
       self%effort = self%effort + real(lanes, wp)*n_steps &
                     *(1.0_wp + 0.05_wp*(ubound(self%last%g, 1) + self%last%batches%n_single))
    end subroutine count_values
 
-   pure function is_exhausted(self)
+   !> True if the search has simulated as many values as it may.
+   pure logical function is_exhausted(self)
       class(sampled_objective), intent(in) :: self
-      logical :: is_exhausted
 
-      is_exhausted = self%effort >= self%most_effort
+      is_exhausted = self%effort >= self%max_effort
    end function is_exhausted
 
-   !> Chooses the burn-in for points near the search's. Sequential law: the companion's memory
-   !> measures that of every process of the wanted length. Exact law: by the variance of the last
-   !> evaluation; before the first one, by the companion's.
-   pure subroutine settle(self)
+   !> Sets the burn-in for points near that of the search: the companion's memory (sequential law),
+   !> or the sweeps that forget a start at the variance of the last evaluation (exact law; at first
+   !> at the companion's).
+   pure subroutine set_burn_in(self)
       class(sampled_objective), intent(inout) :: self
       type(law_estimate) :: here
       real(wp) :: variance
       logical :: is_inside
 
-      variance = self%known(0)
+      variance = self%problem%autocovariance(0)
       if (self%last%moments%std > 0.0_wp) then
          variance = self%last%moments%std**2
          self%centre = self%last%moments%mean
@@ -242,15 +237,15 @@ contains
       self%n_burn_in = max(self%problem%memory, size(self%problem%companion))
       if (.not. self%problem%is_exact) return
       here%g = self%last%g
-      call self%family%unfold(self%point, here, is_inside)
+      call self%family%set_parameters(self%point, here, is_inside)
       self%n_burn_in = sweeps_to_forget(here%g(0)*variance, self%problem%l0, 1.0e-5_wp)
-      if (self%problem%decay > 0.0_wp) &   ! as neighbours of a Markov process forget
+      if (self%problem%decay > 0.0_wp) &   ! alternating: neighbours pass correlation on
          self%n_burn_in = max(self%n_burn_in, ceiling(12.0_wp/(1.0_wp - self%problem%decay)**2))
-   end subroutine settle
+   end subroutine set_burn_in
 
-   !> Keeps averages of the first lags one by one from now on: of so many, or of as many as the
-   !> order, the zeros and negative signs need.
-   pure subroutine keep_lags(self, n_single)
+   !> Sets the number of lags with averages of their own: by default what the order, the zeros and
+   !> negative signs need.
+   pure subroutine set_single_lags(self, n_single)
       class(sampled_objective), intent(inout) :: self
       integer, intent(in), optional :: n_single
       integer :: n
@@ -260,20 +255,20 @@ contains
       if (present(n_single)) n = n_single
       if (n == self%last%batches%n_single) return
       self%last%batches = new_batches(self%problem%n_lags, n, n_batches)
-   end subroutine keep_lags
+   end subroutine set_single_lags
 
-   !> Holds K(m) = 0 from now on at these lags and no others.
+   !> Sets the lags at which K(m) = 0 is a constraint.
    pure subroutine hold_at_zero(self, lags)
       class(sampled_objective), intent(inout) :: self
       integer, intent(in) :: lags(:)
 
       self%n_constraints = self%n_constraints - size(self%zeros) + size(lags)
       self%zeros = lags
-      if (self%family%kind == by_symbol) call self%family%set_free(lags, self%point)
+      if (self%family%kind == by_symbol) call self%family%set_free_lags(lags, self%point)
    end subroutine hold_at_zero
 
-   !> Gain of entropy of x/std. That of the exact law is known by its differences: along a change of
-   !> the multipliers, dh = - sum (multiplier) d(moment), by the trapezoidal rule.
+   !> Entropy of x/std gained from one state to another [nat]. Exact law: dh = - sum (multiplier)
+   !> d(moment) along the way, by the trapezoidal rule.
    pure real(wp) function gain(self, from, to)
       class(sampled_objective), intent(in) :: self
       real(wp), intent(in) :: from(:), to(:)
@@ -288,12 +283,12 @@ contains
              - 0.5_wp*log(to(first + 1)/from(first + 1))
    end function gain
 
-   !> Finds the entropy per point of x/b0 at the point of the last evaluation, and its standard
-   !> error; that of the exact law by `log_partition`.
+   !> Computes the entropy per point of x/b0 at the last evaluation [nat], and its standard error;
+   !> for the exact law by `log_partition`.
    subroutine find_entropy(self, entropy, standard_error)
       class(sampled_objective), intent(inout) :: self
       real(wp), intent(out) :: entropy, standard_error
-      integer, parameter :: enough = 8192   ! steps of a batch: each node has as many
+      integer, parameter :: most_steps = 8192   ! steps of a batch at each node of `log_partition`
       type(stream_type) :: stream
 
       associate (last => self%last)
@@ -301,12 +296,24 @@ contains
          standard_error = last%moments%entropy_error
          if (.not. self%problem%is_exact) return
          stream = self%problem%stream
-         call log_partition(last%g, last%coordinate, ring_length(self), self%n_burn_in, &
-                            max(min(self%n_steps, enough)/ring_length(self), 2), stream, &
+         call log_partition(last%g, last%field, ring_length(self), self%n_burn_in, &
+                            max(min(self%n_steps, most_steps)/ring_length(self), 2), stream, &
                             self%psi, self%psi_error)
-         entropy = entropy_of_exact_law(self%psi, last%coordinate, last%moments%mean)
-         standard_error = norm2([self%psi_error, 0.5_wp*last%coordinate*last%moments%mean_error])
+         entropy = entropy_of_exact_law(self%psi, last%field, last%moments%mean)
+         standard_error = norm2([self%psi_error, 0.5_wp*last%field*last%moments%mean_error])
       end associate
    end subroutine find_entropy
+
+   !> Estimates K(m), m = 0..last, of the last evaluation.
+   pure subroutine estimate_lags(self, last, k, standard_error, residuals)
+      class(sampled_objective), intent(in) :: self
+      integer, intent(in) :: last
+      real(wp), allocatable, intent(out) :: k(:)                          !! (0:last)
+      real(wp), allocatable, intent(out), optional :: standard_error(:)   !! (0:last)
+      real(wp), intent(out), optional :: residuals(:, 0:)   !! see `estimate_autocovariance`
+
+      call estimate_autocovariance(self%last%batches, self%problem%autocovariance, last, k, &
+                                   standard_error, residuals)
+   end subroutine estimate_lags
 
 end module process_positive_objective

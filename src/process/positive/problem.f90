@@ -1,6 +1,5 @@
-!> A positive process as a sampled problem: its targets, the linear companion whose noise is its
-!> own, and the random numbers that every trial shares. Nothing of it changes during a search. All
-!> is in units of b0.
+!> Problem of a positive process that is solved on simulated values: targets, linear companion and
+!> random numbers. A search changes nothing of it but `ratio`. Everything is in units of b0.
 module process_positive_problem
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
@@ -9,7 +8,7 @@ module process_positive_problem
    use process_autoregressive_description, only: describe_ar
    use process_autoregressive_fit, only: nonnegative_reflection
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, innovation_std, &
-      reflection_of
+                                           reflection_of
    use process_autoregressive_spectral_factor, only: symbol_of_process
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
    use process_direct_fit, only: fit_unconstrained
@@ -20,38 +19,39 @@ module process_positive_problem
    private
    public :: sampled_problem, is_out_of_reach, new_problem
 
-   !> Targets under the law of one-at-a-time rejection (Sec. 2.4) or of Eq. (25), and the
-   !> unconstrained process of the wanted length, its companion.
+   !> Targets under the law of one-at-a-time rejection (Sec. 2.4) or of Eq. (25), and the companion:
+   !> the unconstrained process of the wanted length, driven by the same noise.
    type :: sampled_problem
       type(process_request) :: request
-      character(:), allocatable :: name              !! for messages
-      logical :: is_exact = .false.                  !! the law is that of Eq. (25)
-      real(wp) :: ratio = 0.0_wp                     !! std/mean: wanted, or on the way there
-      integer :: cut = 0                             !! lags of imposed sums, Eq. (11); 0: all
-      type(stream_type) :: stream                    !! where the numbers of every trial begin
+      character(:), allocatable :: name              !! name in messages
+      logical :: is_exact = .false.                  !! true: Eq. (25); false: sequential law
+      real(wp) :: ratio = 0.0_wp                     !! std/mean, wanted or on the way there
+      integer :: cut = 0                             !! last lag of imposed sums; 0: none
+      type(stream_type) :: stream                    !! random numbers of every trial
       real(wp), allocatable :: companion(:)          !! a_q of the companion
-      real(wp), allocatable :: autocovariance(:)     !! of the companion, (0:n_lags), b0 = 1
-      real(wp), allocatable :: symbol(:)             !! direct method: its G_m/G_0, m = 1..m_max
-      real(wp) :: l0 = 0.0_wp                        !! of the companion [lags]
-      real(wp) :: tail_l0 = 0.0_wp, tail_moment = 0.0_wp   !! of its sums, beyond n_lags
-      integer :: n_lags = 0
-      integer :: memory = 0                          !! steps beyond which nothing is felt, to 1e-9
+      real(wp), allocatable :: autocovariance(:)     !! (0:n_lags) autocovariance of the companion
+      real(wp), allocatable :: symbol(:)             !! (m_max) direct method: its G_m/G_0
+      real(wp) :: l0 = 0.0_wp                        !! L0 of the companion [lags]
+      !> companion's sums of |rho(m)| and of m |rho(m)| beyond n_lags
+      real(wp) :: tail_l0 = 0.0_wp, tail_moment = 0.0_wp
+      integer :: n_lags = 0                          !! last lag that is simulated
+      integer :: memory = 0                          !! steps after which correlation is below 1e-9
       real(wp) :: decay = 0.0_wp                     !! alternating: |K(m + 1)/K(m)| at order 1
    end type sampled_problem
 
 contains
 
-   !> Poses the problem of a request. Fails for bad numbers and where more lags count than a search
-   !> carries in a minute or two.
+   !> Makes the problem of a request. Fails if the unconstrained process does, and if more lags
+   !> count than a search can carry in a minute or two.
    subroutine new_problem(request, stream, problem, error, decay, sequence)
       type(process_request), intent(in) :: request
       type(stream_type), intent(in) :: stream
       type(sampled_problem), intent(out) :: problem
       type(error_type), allocatable, intent(out) :: error
-      !> |K(m + 1)/K(m)| of order 1 for large m, where signs alternate, else 0: the companion is the
-      !> mirror image then, and lags of twice that memory count
+      !> alternating K(m): |K(m + 1)/K(m)| of order 1 for large m; the companion is then the mirror
+      !> image, and lags of twice that memory count
       real(wp), intent(in), optional :: decay
-      !> direct method: the unconstrained process of these signs; else that of the largest entropy
+      !> direct method: the companion has these signs (default: those of the largest entropy)
       type(sequence_solution), intent(in), optional :: sequence
       type(process_model_type) :: unconstrained
       type(correlation_sums) :: sums
@@ -110,7 +110,7 @@ contains
       problem%autocovariance(:) = rho/innovation_std(kappa, 1.0_wp)**2
    end subroutine new_problem
 
-   !> True if more lags count than a law is sampled to; sweeps of the exact one grow with L0^2.
+   !> True if more lags count than a law is simulated with; sweeps of the exact one grow as L0^2.
    pure logical function is_out_of_reach(problem)
       type(sampled_problem), intent(in) :: problem
       integer, parameter :: most_lags(2) = [4000, 600]   ! sequential, exact
@@ -120,13 +120,13 @@ contains
                         problem%is_exact .and. problem%l0 > longest
    end function is_out_of_reach
 
-   !> Takes the process of the highest lower order that has both lengths with K(m) >= 0, where that
-   !> of the wanted order has K(m) < 0 or was not found. Every order contains it.
+   !> Replaces the companion of both lengths, if it has K(m) < 0 or was not found, by that of the
+   !> highest lower order that has both with K(m) >= 0.
    subroutine take_lower_order(request, model, error)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(inout) :: model
-      type(error_type), allocatable, intent(inout) :: error   !! of the wanted order
-      real(wp), parameter :: zero = 1.0e-9_wp   ! of K(m)/K(0)
+      type(error_type), allocatable, intent(inout) :: error   !! in: of the wanted order
+      real(wp), parameter :: zero = 1.0e-9_wp   ! K(m)/K(0) that counts as 0
       real(wp), allocatable :: kappa(:)
 
       if (allocated(error)) then

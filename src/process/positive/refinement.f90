@@ -1,140 +1,141 @@
-!> The last step of a search on simulated values, and how far other random numbers would have led
-!> it.
+!> Last step of a search on simulated values, and the standard errors of the shape K(m)/K(0) that it
+!> finds.
 !>
-!> The maximum is flat: the noise of a gradient moves it far. Each independent run of chains has a
-!> gradient of its own, and the step that it asks for is its share of the distance from the true
-!> maximum (the sandwich formula, the metric of the search in place of the inverse curvature).
+!> The maximum is flat, so that noise of the gradient moves it far. Each independent run of chains
+!> has a gradient and a step of its own; these steps scatter as the maximum does (sandwich formula,
+!> with the inverse Hessian of the search).
 module process_positive_refinement
    use core_kinds, only: wp
    use numerics_constrained_maximum, only: step_to_maximum
    use process_autoregressive_model, only: autocovariance_of, step_up
    use process_positive_family, only: by_symbol
    use process_positive_objective, only: sampled_objective
-   use process_positive_moments, only: estimate_autocovariance
    use process_positive_truncated_normal, only: lanes
    implicit none(type, external)
    private
-   public :: error_of_runs, refine, shape_spread
+   public :: error_of_runs, refine, shape_uncertainty
 
-   integer, parameter :: refinement_steps = 2048   !! of a batch
-   real(wp), parameter :: longest = 0.1_wp         !! a longer step is more than a refinement
+   integer, parameter :: refinement_steps = 2048   !! steps of a batch
+   real(wp), parameter :: longest = 0.1_wp         !! longest step of a refinement
 
-   !> Shares of the runs, and how the correlation depends on the variables. Not allocated: the shape
-   !> is given.
-   type :: shape_spread
-      real(wp), allocatable :: shares(:, :)           !! (run, variable)
+   !> Steps of the runs, and derivatives of the correlation by the variables; not allocated where
+   !> the shape is given.
+   type :: shape_uncertainty
+      real(wp), allocatable :: run_steps(:, :)           !! (run, variable)
       real(wp), allocatable :: correlation(:)         !! (0:order) K(m)/K(0)
-      real(wp), allocatable :: by_correlation(:, :)   !! (0:order, variable) its derivatives
+      !> (0:order, variable) derivatives of K(m)/K(0)
+      real(wp), allocatable :: by_correlation(:, :)
       real(wp), allocatable :: by_length(:, :)        !! (2, variable) derivatives of L0 and L1
    contains
       procedure :: length_errors
       procedure :: correlation_errors
-   end type shape_spread
+   end type shape_uncertainty
 
 contains
 
-   !> Takes one step more, on more simulated values: as good as a whole search on them. Where a
-   !> difference leaves the domain, or the maximum is too flat for the step to be a short one, the
-   !> point stays, and its spread is not known.
-   subroutine refine(law, step, spread, is_short)
-      type(sampled_objective), intent(inout) :: law
-      real(wp), intent(in) :: step               !! of the differences
-      type(shape_spread), intent(out) :: spread
+   !> Takes one more step on more simulated values, as good as a whole search on them. The point
+   !> stays, without an uncertainty, if a difference leaves the domain or the step is too long.
+   subroutine refine(search, step, uncertainty, is_short)
+      type(sampled_objective), intent(inout) :: search
+      real(wp), intent(in) :: step              !! step of the differences
+      type(shape_uncertainty), intent(out) :: uncertainty
       logical, intent(out) :: is_short          !! false: more values ask for a long step
-      type(shape_spread) :: trial
-      real(wp), allocatable :: moved_state(:), rests(:, :), state(:)
-      real(wp), dimension(size(law%point)) :: change, gradient, moved
-      real(wp) :: jacobian(law%n_constraints, size(moved)), lengths(2), &
-         noise(lanes, size(moved), 0:law%n_constraints)
-      real(wp) :: multipliers(law%n_constraints), unused(law%n_constraints)
+      type(shape_uncertainty) :: trial
+      real(wp), allocatable :: moved_state(:), residuals(:, :), state(:)
+      real(wp), dimension(size(search%point)) :: change, gradient, moved
+      real(wp) :: jacobian(search%n_constraints, size(moved)), lengths(2), &
+                  noise(lanes, size(moved), 0:search%n_constraints)
+      real(wp) :: multipliers(search%n_constraints), unused(search%n_constraints)
       integer :: i, n
       logical :: is_inside, is_regular
 
       is_short = .true.
-      if (law%family%kind == by_symbol .or. law%family%is_weak(law%point)) return
+      if (search%family%kind == by_symbol) return
+      if (search%family%is_weakly_correlated(search%point)) return
       n = size(moved)
-      law%n_steps = refinement_steps
-      call law%settle()
-      call law%evaluate(law%point, state, is_inside)
+      search%n_steps = refinement_steps
+      call search%set_burn_in()
+      call search%evaluate(search%point, state, is_inside)
       if (.not. is_inside) return
-      rests = law%rests
-      trial%correlation = correlation_of(law)
-      lengths = [law%last%moments%l0, law%last%moments%l1]
+      residuals = search%residuals
+      trial%correlation = correlation_of(search)
+      lengths = [search%last%moments%l0, search%last%moments%l1]
       allocate (trial%by_correlation(0:size(trial%correlation) - 1, n), trial%by_length(2, n))
       do i = 1, n
-         moved = law%point
+         moved = search%point
          moved(i) = moved(i) + step
-         call law%evaluate(moved, moved_state, is_inside)
+         call search%evaluate(moved, moved_state, is_inside)
          if (.not. is_inside) return
-         gradient(i) = law%gain(state, moved_state)/step
-         jacobian(:, i) = (moved_state(:law%n_constraints) - state(:law%n_constraints))/step
-         noise(:, i, :) = noise_of(law, state, rests, moved_state, law%rests)/step
-         trial%by_correlation(:, i) = (correlation_of(law) - trial%correlation)/step
-         trial%by_length(:, i) = ([law%last%moments%l0, law%last%moments%l1] - lengths)/step
+         gradient(i) = search%gain(state, moved_state)/step
+         jacobian(:, i) = (moved_state(:search%n_constraints) - state(:search%n_constraints))/step
+         noise(:, i, :) = noise_of_runs(search, state, residuals, moved_state, &
+                                        search%residuals)/step
+         trial%by_correlation(:, i) = (correlation_of(search) - trial%correlation)/step
+         trial%by_length(:, i) = ([search%last%moments%l0, search%last%moments%l1] - lengths)/step
       end do
-      call step_to_maximum(law%found%metric, jacobian, gradient, state(:law%n_constraints), &
+      call step_to_maximum(search%found%metric, jacobian, gradient, state(:search%n_constraints), &
                            change, multipliers, is_regular)
       if (.not. is_regular) return
       is_short = norm2(change) <= longest
       if (.not. is_short) return
-      law%point = law%point + change
-      law%found%jacobian = jacobian
-      law%found%multipliers = multipliers
-      allocate (trial%shares(lanes, n))
+      search%point = search%point + change
+      search%found%jacobian = jacobian
+      search%found%multipliers = multipliers
+      allocate (trial%run_steps(lanes, n))
       do i = 1, lanes
          noise(i, :, 0) = noise(i, :, 0) - matmul(noise(i, :, 1:), multipliers)
-         call step_to_maximum(law%found%metric, jacobian, noise(i, :, 0), 0.0_wp*multipliers, &
-                              trial%shares(i, :), unused, is_regular)
+         call step_to_maximum(search%found%metric, jacobian, noise(i, :, 0), 0.0_wp*multipliers, &
+                              trial%run_steps(i, :), unused, is_regular)
       end do
-      spread = trial
+      uncertainty = trial
    end subroutine refine
 
-   !> Shares of the runs in the errors of a gain and of the constraints' changes, from one state to
-   !> another.
-   function noise_of(law, from, from_rests, to, to_rests) result(noise)
-      type(sampled_objective), intent(in) :: law
+   !> Errors of each run in the gain (column 0) and in the change of the constraints, from one state
+   !> to another.
+   function noise_of_runs(search, from, from_residuals, to, to_residuals) result(noise)
+      type(sampled_objective), intent(in) :: search
       real(wp), intent(in) :: from(:), to(:)                !! (component of a state)
-      real(wp), intent(in) :: from_rests(:, :), to_rests(:, :)   !! (batch, component)
-      real(wp) :: noise(lanes, 0:law%n_constraints)
+      real(wp), intent(in) :: from_residuals(:, :), to_residuals(:, :)   !! (batch, component)
+      real(wp) :: noise(lanes, 0:search%n_constraints)
       real(wp) :: gain
       integer :: batch, n, run
 
       noise = 0.0_wp
-      n = size(from_rests, 1)
-      gain = law%gain(from, to)
+      n = size(from_residuals, 1)
+      gain = search%gain(from, to)
       do batch = 1, n
          run = modulo(batch - 1, lanes) + 1
-         noise(run, 0) = noise(run, 0) - gain + law%gain(from + from_rests(batch, :)/n, &
-                                                         to + to_rests(batch, :)/n)
-         noise(run, 1:) = noise(run, 1:) + (to_rests(batch, :law%n_constraints) &
-                                            - from_rests(batch, :law%n_constraints))/n
+         noise(run, 0) = noise(run, 0) - gain + search%gain(from + from_residuals(batch, :)/n, &
+                                                            to + to_residuals(batch, :)/n)
+         noise(run, 1:) = noise(run, 1:) + (to_residuals(batch, :search%n_constraints) &
+                                            - from_residuals(batch, :search%n_constraints))/n
       end do
-   end function noise_of
+   end function noise_of_runs
 
    !> K(m)/K(0), m = 0..order, of the last evaluation.
-   function correlation_of(law) result(correlation)
-      type(sampled_objective), intent(in) :: law
-      real(wp) :: correlation(0:ubound(law%last%g, 1))
-      real(wp), allocatable :: k(:), unused(:)
+   function correlation_of(search) result(correlation)
+      type(sampled_objective), intent(in) :: search
+      real(wp) :: correlation(0:ubound(search%last%g, 1))
+      real(wp), allocatable :: k(:)
 
-      call estimate_autocovariance(law%last%batches, law%known, ubound(law%last%g, 1), k, unused)
+      call search%estimate_lags(ubound(search%last%g, 1), k)
       correlation = k/k(0)
    end function correlation_of
 
-   !> Standard errors of L0 and L1 by the shape alone [lags].
+   !> Standard errors of L0 and L1 by the error of the shape [lags].
    pure function length_errors(self) result(errors)
-      class(shape_spread), intent(in) :: self
+      class(shape_uncertainty), intent(in) :: self
       real(wp) :: errors(2)
 
       errors = 0.0_wp
-      if (allocated(self%shares)) &
-         errors = error_of_runs(matmul(self%shares, transpose(self%by_length)))
+      if (allocated(self%run_steps)) &
+         errors = error_of_runs(matmul(self%run_steps, transpose(self%by_length)))
    end function length_errors
 
-   !> Standard errors of K(m)/K(0), m = 0..n_lags, by the shape alone. Beyond the order the
-   !> autocovariance is carried on as a linear process would (Yule and Walker): enough for an error.
+   !> Standard errors of K(m)/K(0), m = 0..n_lags, by the error of the shape. Beyond the order the
+   !> autocovariance is continued by the Yule-Walker equations.
    pure function correlation_errors(self, n_lags) result(errors)
-      class(shape_spread), intent(in) :: self
+      class(shape_uncertainty), intent(in) :: self
       integer, intent(in) :: n_lags
       real(wp) :: errors(0:n_lags)
       real(wp) :: series(lanes, 0:n_lags)
@@ -142,25 +143,25 @@ contains
       integer :: run
 
       errors = 0.0_wp
-      if (.not. allocated(self%shares)) return
+      if (.not. allocated(self%run_steps)) return
       do run = 1, lanes
-         change = matmul(self%by_correlation, self%shares(run, :))
-         series(run, :) = 0.5_wp*(carried_on(self%correlation + change, n_lags) &
-                                  - carried_on(self%correlation - change, n_lags))
+         change = matmul(self%by_correlation, self%run_steps(run, :))
+         series(run, :) = 0.5_wp*(extended_correlation(self%correlation + change, n_lags) &
+                                  - extended_correlation(self%correlation - change, n_lags))
       end do
       errors = error_of_runs(series)
    end function correlation_errors
 
    !> Standard errors of sums over independent runs.
-   pure function error_of_runs(shares) result(errors)
-      real(wp), intent(in) :: shares(:, :)   !! (run, sum)
-      real(wp) :: errors(size(shares, 2))
+   pure function error_of_runs(run_steps) result(errors)
+      real(wp), intent(in) :: run_steps(:, :)   !! (run, sum)
+      real(wp) :: errors(size(run_steps, 2))
 
-      errors = sqrt(sum(shares**2, dim=1)*lanes/(lanes - 1.0_wp))
+      errors = sqrt(sum(run_steps**2, dim=1)*lanes/(lanes - 1.0_wp))
    end function error_of_runs
 
-   !> rho(0..order) to n_lags by its own predictor.
-   pure function carried_on(rho, n_lags) result(longer)
+   !> rho(0..n_lags): beyond the order by the Yule-Walker equations.
+   pure function extended_correlation(rho, n_lags) result(longer)
       real(wp), intent(in) :: rho(0:)
       integer, intent(in) :: n_lags
       real(wp) :: longer(0:n_lags)
@@ -174,6 +175,6 @@ contains
          variance = variance*(1.0_wp - kappa(m)**2)
       end do
       longer = rho(0)*autocovariance_of(kappa, n_lags)
-   end function carried_on
+   end function extended_correlation
 
 end module process_positive_refinement

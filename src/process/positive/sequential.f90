@@ -1,8 +1,8 @@
-!> The law of one-at-a-time rejection (Sec. 2.4), marched in many chains side by side.
+!> Simulates the law of one-at-a-time rejection (Sec. 2.4) in many chains side by side.
 !>
-!> A value redrawn until it is positive follows the truncated conditional law exactly, so one draw
-!> by its inverse distribution function replaces the rejection; the acceptance probability of each
-!> step is then known in closed form instead of counted. Everything is in units of b0.
+!> A value redrawn until it is positive has the truncated conditional law, so one draw by its
+!> inverse distribution function replaces the rejection, and the acceptance probability of each step
+!> has a closed form. Everything is in units of b0.
 module process_positive_sequential
    use core_kinds, only: wp
    use core_random, only: stream_type
@@ -13,27 +13,26 @@ module process_positive_sequential
    private
    public :: memory_of, march_chains, march_sequential, sample_sequential
 
-   integer, parameter :: block_steps = 128
-   integer, parameter :: product_steps = 8   !! share one logarithm of their acceptances
+   integer, parameter :: block_steps = 128   !! steps that are marched at once
+   integer, parameter :: product_steps = 8   !! steps whose acceptances share one logarithm
 
 contains
 
-   !> Samples averages over batches of a stationary run: batch = one lane over one stretch of time.
+   !> Simulates a stationary run and averages over its batches, each one lane over part of the time.
    !>
-   !> Beside the process x runs its linear companion y, driven by the part of x that the past does
-   !> not foretell, scaled to unit variance: the second moments of y are exactly those of its
-   !> coefficients, whatever the law of x, and its noise is almost that of x. Where x grows without
-   !> bound all sums are 0: no process is there.
+   !> The linear companion y is driven by the innovations of x, scaled to unit variance: its second
+   !> moments are those of its coefficients, whatever the law of x, and it shares most noise with x.
+   !> All sums are 0 if x grows without bound, because there is no process.
    subroutine sample_sequential(a, offset, companion, centre, n_burn_in, n_steps, stream, batches)
       real(wp), intent(in) :: a(:)           !! a_q, Eq. (39)
       real(wp), intent(in) :: offset         !! conditional mean after zeros: mu (1 + sum a_q)/b0
       real(wp), intent(in) :: companion(:)   !! coefficients of y, as many as of x; unit innovations
       real(wp), intent(in) :: centre         !! start of every chain, near the mean [b0]
-      integer, intent(in) :: n_burn_in       !! steps until stationary
-      integer, intent(in) :: n_steps         !! of a batch; rounded up to whole blocks
+      integer, intent(in) :: n_burn_in       !! steps until the run is stationary
+      integer, intent(in) :: n_steps         !! steps of a batch, rounded up to whole blocks
       type(stream_type), intent(inout) :: stream
       type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
-      real(wp), parameter :: far = 1.0e6_wp   ! of the mean: beyond, values grow without bound
+      real(wp), parameter :: far = 1.0e6_wp   ! values over the mean that grow without bound
       real(wp), allocatable :: d(:, :), y(:, :), sums(:, :, :)
       real(wp) :: acceptance(lanes, n_acceptance_sums)
       integer :: block, first, history, last, n, stretch
@@ -69,14 +68,13 @@ contains
       end do
    end subroutine sample_sequential
 
-   !> Marches all lanes by one block of steps; the newest values become the history of the next
-   !> block.
+   !> Marches all lanes by one block of steps, after those of the last block.
    subroutine march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
       real(wp), intent(in) :: a(:), offset, companion(:), centre
       integer, intent(in) :: history
       type(stream_type), intent(inout) :: stream
       real(wp), intent(inout) :: d(lanes, 1 - history:block_steps), &
-         y(lanes, 1 - history:block_steps)
+                                 y(lanes, 1 - history:block_steps)
       real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
       real(wp) :: u(lanes*block_steps)
       real(wp), dimension(lanes) :: alpha, c, factor, hazard, product, x
@@ -103,7 +101,7 @@ contains
                y(lane, n) = y(lane, n) - companion(q)*y(lane, n - q)
             end do
          end do
-         alpha = factor   ! of ln alpha this adds what the factor's logarithm lacks
+         alpha = factor   ! the next line adds to sum ln alpha what the factor's logarithm lacks
          if (minval(c) < 0.0_wp) call scale_below(c, alpha, acceptance(:, 3))
          acceptance(:, 1) = acceptance(:, 1) + alpha
          acceptance(:, 2) = acceptance(:, 2) + 1.0_wp/alpha
@@ -160,8 +158,8 @@ contains
       values = x(:, n_burn_in + 1:)
    end subroutine march_chains
 
-   !> Steps until what went before has lost all but a tolerance of its weight. The Gaussian's
-   !> largest pole is a conservative measure: truncation only shortens the memory.
+   !> Steps after which the correlation has decayed to a tolerance. The largest pole of the Gaussian
+   !> process is a safe measure, because truncation shortens the memory.
    pure function memory_of(decay, tolerance) result(steps)
       real(wp), intent(in) :: decay   !! modulus of the largest pole, or |K(m + 1)/K(m)|
       real(wp), intent(in) :: tolerance

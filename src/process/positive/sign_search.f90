@@ -1,8 +1,9 @@
-!> The direct method of positive processes (Sec. 2.4.2): which signs s_m make the entropy largest.
+!> Finds the signs s_m of the largest entropy for a positive process by the direct method (Sec.
+!> 2.4.2).
 !>
-!> The Gaussian process has the largest entropy of all whose K(m) have given signs, positive or not:
-!> sequences are solved in the order of that bound, until it excludes the rest. A sequence and its
-!> mirror image have the same bound and are two processes.
+!> Of all processes whose K(m) have given signs the Gaussian one has the largest entropy. Sequences
+!> of signs are solved in the descending order of that bound, until it excludes the rest. A sequence
+!> and its mirror image have the same bound and are two processes.
 module process_positive_sign_search
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
@@ -11,41 +12,39 @@ module process_positive_sign_search
    use process_correlation, only: constraint_weights
    use process_direct_constraint, only: constraint_of, length_constraint
    use process_direct_fit, only: fit_unconstrained, integer_signs, list_solutions, mirror_image, &
-      mirrored
+                                 mirrored
    use process_direct_sign_search, only: count_sequences, max_listed, search_structured, &
                                          sequence_signs
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    use process_model, only: process_model_type, process_request
    use process_positive_objective, only: sampled_objective
-   use process_positive_moments, only: estimate_autocovariance
    use process_positive_search, only: follow_unconstrained
    implicit none(type, external)
    private
    public :: multipliers_of, search_signs
 
-   real(wp), parameter :: negligible = 1.0e-4_wp   !! of entropies, which are sampled [nat]
-
-   integer(long), parameter :: most_sequences = 1024   !! but for mirror images, that are all tried
+   real(wp), parameter :: negligible = 1.0e-4_wp       !! difference of sampled entropies [nat]
+   integer(long), parameter :: most_sequences = 1024   !! that are tried, without mirror images
 
    !> Solution for one sequence.
    type :: sign_trial
-      type(sampled_objective) :: law
-      type(sequence_solution) :: solution   !! of the law: its signs, multipliers and entropy
-      real(wp) :: entropy_error = 0.0_wp   !! of its entropy, standard error [nat]
+      type(sampled_objective) :: search
+      type(sequence_solution) :: solution   !! signs, multipliers and entropy of the positive law
+      real(wp) :: entropy_error = 0.0_wp    !! standard error of the entropy [nat]
    end type sign_trial
 
 contains
 
-   !> Finds the signs of the largest entropy, with the search's own account in the model;
-   !> `all_signs` solves and lists every sequence. Without a solution the error is that of the first
+   !> Finds the signs of the largest entropy, and notes in the model how many sequences were tried;
+   !> `all_signs` solves and lists every one. Without a solution the error is that of the first
    !> sequence.
-   subroutine search_signs(request, seed, law, model, error)
+   subroutine search_signs(request, seed, search, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
-      type(sampled_objective), intent(inout) :: law   !! at first its bound of effort alone
+      type(sampled_objective), intent(inout) :: search   !! at first its bound of effort alone
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: others = 15.0_wp   ! effort of all other sequences, of the first's
+      real(wp), parameter :: others = 15.0_wp   ! effort of all other sequences over the first's
       real(wp), parameter :: certain = 4.0_wp   ! standard errors
       type(sequence_solution), allocatable :: sequences(:), solutions(:)
       type(sign_trial) :: trial
@@ -60,15 +59,15 @@ contains
       if (allocated(error)) return
       allocate (solutions(size(sequences)))
       best = -huge(best)
-      effort = law%most_effort
+      effort = search%max_effort
       is_excluded = .false.
       do i = 1, size(sequences)
          is_excluded = sequences(i)%entropy + log(request%std) < best + negligible
          if ((is_excluded .or. .not. effort > 0.0_wp) .and. .not. request%all_signs) exit
          call solve_signs(request, seed, sequences(i), effort, trial, failure)
-         if (i == 1) effort = others*trial%law%effort
-         if (i > 1) effort = effort - trial%law%effort
-         if (request%all_signs) effort = trial%law%most_effort
+         if (i == 1) effort = others*trial%search%effort
+         if (i > 1) effort = effort - trial%search%effort
+         if (request%all_signs) effort = trial%search%max_effort
          model%n_examined = i
          if (i == 1 .and. allocated(failure)) error = failure
          if (allocated(failure)) cycle
@@ -76,7 +75,7 @@ contains
          solutions(model%n_consistent) = trial%solution
          if (trial%solution%entropy <= best + max(negligible, certain*trial%entropy_error)) cycle
          best = trial%solution%entropy
-         law = trial%law
+         search = trial%search
       end do
       model%search = 'structured'
       if (is_whole .and. is_excluded) model%search = 'all sequences, some excluded by a bound'
@@ -98,21 +97,21 @@ contains
       call list_solutions(solutions(ranking), model)
    end subroutine search_signs
 
-   !> Lists the Gaussian solutions of all sequences of signs by descending entropy, each with its
-   !> mirror image after it; of too many, that of the largest entropy alone.
+   !> Lists the Gaussian solutions of all sequences of signs by descending entropy, each followed by
+   !> its mirror image; only that of the largest entropy, if there are too many sequences.
    subroutine list_sequences(request, sequences, is_complete, error)
       type(process_request), intent(in) :: request
       type(sequence_solution), allocatable, intent(out) :: sequences(:)
       logical, intent(out) :: is_complete
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: zero = 1.0e-9_wp   ! of K(m)/K(0)
+      real(wp), parameter :: zero = 1.0e-9_wp   ! K(m)/K(0) that counts as 0
       type(length_constraint) :: constraint
       type(process_model_type) :: unconstrained
       type(sequence_solution), allocatable :: found(:)
       integer, allocatable :: order(:)
       integer :: i, n
 
-      call fit_unconstrained(request, unconstrained, error)   ! refuses what no process has
+      call fit_unconstrained(request, unconstrained, error)   ! fails if no process has the length
       if (allocated(error)) return
       constraint = constraint_of(request)
       is_complete = count_sequences(constraint) <= most_sequences
@@ -141,49 +140,49 @@ contains
                     trim(request%correlation)//' = '//to_text(request%correlation_length))
    end subroutine list_sequences
 
-   !> Solves for the positive process of a sequence. Fails where a K(m) has another sign.
+   !> Finds the positive process of a sequence. Fails if a K(m) has another sign.
    subroutine solve_signs(request, seed, sequence, effort, trial, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(sequence_solution), intent(in) :: sequence
-      real(wp), intent(in) :: effort   !! see `most_effort` of the law
+      real(wp), intent(in) :: effort   !! see `max_effort` of the search
       type(sign_trial), intent(out) :: trial
       type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: entropy_steps = 1024   ! of a batch
+      integer, parameter :: entropy_steps = 1024   ! steps of a batch
       real(wp) :: b0, unused
 
-      trial%law%most_effort = effort
-      call follow_unconstrained(request, seed, trial%law, error, sequence)
+      trial%search%max_effort = effort
+      call follow_unconstrained(request, seed, trial%search, error, sequence)
       if (allocated(error)) return
-      b0 = request%std/trial%law%last%moments%std
-      call multipliers_of(trial%law, b0, trial%solution, unused)
+      b0 = request%std/trial%search%last%moments%std
+      call multipliers_of(trial%search, b0, trial%solution, unused)
       if (request%branch == 'nonnegative' .and. any(integer_signs(trial%solution%s) < 0)) &
-         call raise(error, exit_no_solution, trial%law%problem%name// &
+         call raise(error, exit_no_solution, trial%search%problem%name// &
                     ': some K(m) are negative')
-      trial%law%n_steps = entropy_steps
-      call trial%law%find_entropy(trial%solution%entropy, trial%entropy_error)
-      ! that of x/std, less what it gains by the targets' errors on these values
+      trial%search%n_steps = entropy_steps
+      call trial%search%find_entropy(trial%solution%entropy, trial%entropy_error)
+      ! less the entropy that errors of the targets on these values give
       trial%solution%entropy = trial%solution%entropy + log(b0) &
-                               - dot_product(trial%law%found%multipliers, &
-                                             trial%law%state(:trial%law%n_constraints))
+                               - dot_product(trial%search%found%multipliers, &
+                                             trial%search%state(:trial%search%n_constraints))
    end subroutine solve_signs
 
    !> Computes signs and multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2
    !> a_0, G_m = lambda_2 a_m s_m.
-   subroutine multipliers_of(law, b0, solution, residual)
-      type(sampled_objective), intent(in) :: law   !! of the direct method
+   subroutine multipliers_of(search, b0, solution, residual)
+      type(sampled_objective), intent(in) :: search   !! of the direct method
       real(wp), intent(in) :: b0                   !! [unit of X]
       type(sequence_solution), intent(out) :: solution
-      !> largest one of G, relative, and of s_m K(m) >= 0 or, where |s_m| < 1, K(m) = 0, over K(0)
+      !> largest residual of G over G_0, and of s_m K(m) >= 0 (|s_m| < 1: K(m) = 0) over K(0)
       real(wp), intent(out) :: residual
-      real(wp), allocatable :: k(:), unused(:)
-      real(wp), dimension(0:size(law%family%s)) :: g, weights
-      real(wp) :: lambda_2, s(size(law%family%s))
+      real(wp), allocatable :: k(:)
+      real(wp), dimension(0:size(search%family%s)) :: g, weights
+      real(wp) :: lambda_2, s(size(search%family%s))
       integer :: m, signs(size(s))
 
-      s = law%family%all_signs(law%point)
-      g = law%last%g/b0**2
-      associate (request => law%problem%request)
+      s = search%family%signs_at(search%point)
+      g = search%last%g/b0**2
+      associate (request => search%problem%request)
          weights = constraint_weights(request%correlation, request%correlation_length, ubound(g, 1))
       end associate
       signs = integer_signs(s)   ! 0 where |s_m| < 1
@@ -192,7 +191,7 @@ contains
       lambda_2 = g(m)/(weights(m)*s(m))
       solution%lambda_3 = 0.5_wp*g(0) - lambda_2*weights(0)
       solution%delta = lambda_2/solution%lambda_3
-      call estimate_autocovariance(law%last%batches, law%known, size(s), k, unused)
+      call search%estimate_lags(size(s), k)
       residual = max(maxval(abs(g(1:) - lambda_2*weights(1:)*s))/g(0), &
                      maxval(merge(max(-s*k(1:), 0.0_wp), abs(k(1:)), signs /= 0)/k(0), &
                             abs(weights(1:)) > 0.0_wp))

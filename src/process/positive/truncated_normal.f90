@@ -1,8 +1,8 @@
-!> The normal law N(m, b^2) kept where it is positive: moments, acceptance, draws, fit.
+!> The normal law N(m, b^2) truncated at 0: moments, probability of acceptance, draws, fit.
 !>
-!> Everything is written in c = m/b and holds its accuracy when the bound lies far in the tail (c =
-!> -1000 and beyond); the cost does not grow there. The kernels have no branches, so that a loop
-!> over lanes becomes vector instructions; they therefore bring their own exponential.
+!> Everything is a function of c = m/b, accurate to c = -1000 and beyond, at a cost that does not
+!> grow there. Kernels have no branches and an exponential of their own, so that loops over lanes
+!> become vector instructions.
 module process_positive_truncated_normal
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
@@ -15,7 +15,7 @@ module process_positive_truncated_normal
    public :: log_acceptance, hazard_ratio
    public :: fit_truncated_normal
 
-   !> chains marched side by side; constant: no result depends on it
+   !> chains simulated side by side
    integer, parameter :: lanes = 32
 
    real(wp), parameter :: sqrt_two_pi = 2.5066282746310005_wp
@@ -24,9 +24,9 @@ module process_positive_truncated_normal
 
 contains
 
-   !> Draws x > 0, in units of b; the conditional distribution function there is 1 - u.
+   !> Draws x > 0 in units of b, where the truncated distribution function is 1 - u.
    !>
-   !> The acceptance probability Phi(c) is factor exp(-max(-c, 0)^2/2); hazard is phi(c)/Phi(c).
+   !> Phi(c), the probability of acceptance, is factor exp(-max(-c, 0)^2/2); hazard: phi(c)/Phi(c).
    elemental subroutine draw_truncated(c, u, x, hazard, factor)
       real(wp), intent(in) :: c   !! conditional mean over b
       real(wp), intent(in) :: u   !! uniform on (0, 1)
@@ -40,7 +40,7 @@ contains
       rest = mills*density   ! the mass beyond |c|, where c > 0
       factor = merge(mills/sqrt_two_pi, 1.0_wp - rest, c < 0.0_wp)
       hazard = merge(1.0_wp, density, c < 0.0_wp)/merge(mills, 1.0_wp - rest, c < 0.0_wp)
-      ! c < 0: how far beyond -c. c > 0: how far from the mode, on the side where x falls.
+      ! c < 0: distance beyond -c; c > 0: distance from the mode, on the side of x
       upper = u*(1.0_wp - rest)
       lower = (1.0_wp - u) + u*rest
       excess = tail_excess(beyond, merge(mills, 0.5_wp*sqrt_two_pi, c < 0.0_wp), &
@@ -49,26 +49,26 @@ contains
       x = merge(excess, merge(c + excess, max(c - excess, 0.0_wp), upper < lower), c < 0.0_wp)
    end subroutine draw_truncated
 
-   !> Draws as `draw_truncated` on all lanes, eight at a time: by the quantile of the normal law
-   !> where none of them lies in a tail, which takes a third of the time.
+   !> Draws as `draw_truncated` on all lanes, eight at a time; by the quantile of the normal law, in
+   !> a third of the time, if none of the eight lies in a tail.
    pure subroutine draw_truncated_lanes(c, u, x, hazard, factor)
       real(wp), intent(in) :: c(lanes), u(lanes)
       real(wp), intent(out) :: x(lanes), hazard(lanes), factor(lanes)
       integer, parameter :: group = 8
-      real(wp), parameter :: tail = 1.0e-3_wp   ! of u: beyond, `normal_quantile` is not accurate
-      real(wp) :: room
+      real(wp), parameter :: tail = 1.0e-3_wp   ! u where `normal_quantile` is not accurate
+      real(wp) :: smallest
       integer :: first, lane
 
       do first = 1, lanes, group
-         room = 1.0_wp
-         !$omp simd reduction(min:room)
+         smallest = 1.0_wp
+         !$omp simd reduction(min:smallest)
          do lane = first, first + group - 1
-            room = min(room, c(lane), u(lane) - tail, 1.0_wp - tail - u(lane))
+            smallest = min(smallest, c(lane), u(lane) - tail, 1.0_wp - tail - u(lane))
          end do
-         if (room >= 0.0_wp) then
+         if (smallest >= 0.0_wp) then
             !$omp simd
             do lane = first, first + group - 1
-               call draw_ordinary(c(lane), u(lane), x(lane), hazard(lane), factor(lane))
+               call draw_central(c(lane), u(lane), x(lane), hazard(lane), factor(lane))
             end do
          else
             !$omp simd
@@ -79,8 +79,8 @@ contains
       end do
    end subroutine draw_truncated_lanes
 
-   !> Draws as `draw_truncated`, for c >= 0 and u not in a tail.
-   elemental subroutine draw_ordinary(c, u, x, hazard, factor)
+   !> Draws as `draw_truncated`, if c >= 0 and u is not in a tail.
+   elemental subroutine draw_central(c, u, x, hazard, factor)
       real(wp), intent(in) :: c, u
       real(wp), intent(out) :: x, hazard, factor
       real(wp) :: density, rest
@@ -90,11 +90,11 @@ contains
       factor = 1.0_wp - rest
       hazard = density/factor
       x = max(c + normal_quantile(u*factor, (1.0_wp - u) + u*rest), 0.0_wp)
-   end subroutine draw_ordinary
+   end subroutine draw_central
 
-   !> The z with Q(z) = upper, to 2e-15 where both tails hold more than 4.9e-4. z/(lower - upper) is
-   !> a polynomial in ln(4 upper lower) (Giles, 2010, double precision, times sqrt(2)); its even and
-   !> odd powers are summed apart.
+   !> Quantile z of the normal law, Q(z) = upper, to 2e-15 if both tails hold more than 4.9e-4.
+   !> z/(lower - upper) is a polynomial in ln(4 upper lower) (Giles, 2010, double precision, times
+   !> sqrt(2)); its even and odd powers are summed apart.
    elemental function normal_quantile(upper, lower) result(z)
       real(wp), intent(in) :: upper, lower   !! masses on both sides; their sum is 1
       real(wp) :: z
@@ -117,8 +117,8 @@ contains
       z = (lower - upper)*(even + w*odd)
    end function normal_quantile
 
-   !> Variance of the kept law over b^2. Far in the tail the difference cancels: from there on a
-   !> lower bound with the same first two terms in 1/c^2.
+   !> Variance of the truncated law over b^2; far in the tail, where the difference cancels, a lower
+   !> bound with the same first two terms in 1/c^2.
    pure function truncated_variance(c, hazard) result(variance)
       real(wp), intent(in) :: c(lanes), hazard(lanes)   !! see `draw_truncated`
       real(wp) :: variance(lanes)
@@ -126,8 +126,8 @@ contains
       variance = max(1.0_wp - hazard*(c + hazard), 1.0_wp/(c**2 + 6.0_wp))
    end function truncated_variance
 
-   !> Scales the factor of `draw_truncated` by exp(-c^2/2) where c < 0, to the acceptance
-   !> probability, not below exp(-600); adds the exponents up, which the factor's logarithm lacks.
+   !> Multiplies the factor of `draw_truncated` by exp(-c^2/2) if c < 0, which gives the probability
+   !> of acceptance, but not below exp(-600). Adds the exponents to `sums`.
    pure subroutine scale_below(c, acceptance, sums)
       real(wp), intent(in) :: c(lanes)
       real(wp), intent(inout) :: acceptance(lanes), sums(lanes)
@@ -142,7 +142,7 @@ contains
       end do
    end subroutine scale_below
 
-   !> Adds ln x on all lanes.
+   !> Adds ln x to `sums` on all lanes.
    pure subroutine add_logarithms(x, sums)
       real(wp), intent(in) :: x(lanes)
       real(wp), intent(inout) :: sums(lanes)
@@ -154,7 +154,7 @@ contains
       end do
    end subroutine add_logarithms
 
-   !> ln Phi(c), the logarithm of the probability that a draw is positive.
+   !> ln Phi(c): logarithm of the probability of acceptance.
    elemental function log_acceptance(c) result(value)
       real(wp), intent(in) :: c
       real(wp) :: value
@@ -167,7 +167,7 @@ contains
       end if
    end function log_acceptance
 
-   !> phi(c)/Phi(c), the mean over b less c.
+   !> phi(c)/Phi(c): mean of the truncated law over b, less c.
    elemental function hazard_ratio(c) result(hazard)
       real(wp), intent(in) :: c
       real(wp) :: hazard
@@ -183,8 +183,8 @@ contains
    elemental subroutine relative_moments(c, mean, variance)
       real(wp), intent(in) :: c
       real(wp), intent(out) :: mean, variance
-      real(wp), parameter :: far = -20.0_wp   ! beyond, the differences below cancel
-      ! the asymptotic series of the Mills ratio; the variance is the mean's derivative by c
+      real(wp), parameter :: far = -20.0_wp   ! below it the differences cancel
+      ! asymptotic series of the Mills ratio; the variance is the derivative of the mean by c
       real(wp), parameter :: series(0:7) = &
          [1.0_wp, -2.0_wp, 10.0_wp, -74.0_wp, 706.0_wp, -8162.0_wp, 110410.0_wp, -1708394.0_wp]
       real(wp) :: hazard, power, t
@@ -207,8 +207,8 @@ contains
       end if
    end subroutine relative_moments
 
-   !> Fits the normal law that, kept where positive, has this mean and std. std < mean is necessary
-   !> and sufficient; at std = mean the exponential law is reached, with mu = -infinity.
+   !> Fits the truncated normal law of this mean and std. It exists if 0 < std < mean; at std = mean
+   !> it becomes the exponential law, with mu = -infinity.
    pure subroutine fit_truncated_normal(mean, std, mu, sigma, error)
       real(wp), intent(in) :: mean, std
       real(wp), intent(out) :: mu, sigma
@@ -241,8 +241,8 @@ contains
       mu = last*sigma
    end subroutine fit_truncated_normal
 
-   !> The t >= 0 with Q(k + t) = u Q(k), Q the upper tail of the normal law, mills = Q(k)/phi(k),
-   !> hazard = 1/mills. Two Halley steps reach 1e-12 of t from the first guess, for every k >= 0.
+   !> Distance t >= 0 with Q(k + t) = u Q(k), Q the upper tail of the normal law, mills =
+   !> Q(k)/phi(k), hazard = 1/mills. Two Halley steps reach 1e-12 of t for every k >= 0.
    elemental function tail_excess(k, mills, hazard, u) result(t)
       real(wp), intent(in) :: k, mills, hazard, u
       real(wp) :: t
@@ -257,7 +257,7 @@ contains
       t = max(halley_step(t, k, u*mills), 0.0_wp)
    end function tail_excess
 
-   !> One Halley step on ln Q(k + t) = ln u + ln Q(k).
+   !> t after one Halley step on ln Q(k + t) = ln u + ln Q(k).
    elemental function halley_step(t, k, target) result(next)
       real(wp), intent(in) :: t, k
       real(wp), intent(in) :: target   !! u Q(k)/phi(k)
@@ -318,7 +318,7 @@ contains
       value = transfer(transfer(value, 1_long) + ishft(transfer(n, 1_long), 52), value)
    end function exp_in_range
 
-   !> -ln u for u in (0, 1], to 1e-5: a first guess.
+   !> -ln u for u in (0, 1], to 1e-5.
    elemental function rough_minus_log(u) result(value)
       real(wp), intent(in) :: u
       real(wp) :: value
