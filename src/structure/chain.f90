@@ -1,7 +1,8 @@
-!> The chain of oscillators, each held by a Jenkins joint (Sec. 3, Fig. 7, Table 1), as a structure.
+!> The paper's chain of oscillators, each held by a Jenkins joint (Sec. 3, Fig. 7, Table 1), as a
+!> structure.
 !>
-!> Mass i hangs on its neighbours by the coupling springs, spring 1 goes to the wall, and the last
-!> mass is free at its far side. Joint i holds mass i to the ground.
+!> Coupling spring i connects mass i to mass i - 1, spring 1 connects mass 1 to the wall. Joint i
+!> holds mass i to the ground.
 module structure_chain
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
@@ -13,15 +14,15 @@ module structure_chain
 
 contains
 
-   !> Assembles the chain, forced at its last mass. Arrays have one entry per mass; damping_ratio
-   !> one per mode with all joints stuck.
+   !> Assembles the chain, forced at its last mass. Arrays have an entry for each mass,
+   !> damping_ratio for each mode with all joints stuck.
    subroutine build_chain(mass, coupling_stiffness, contact_stiffness, normal_load, damping_ratio, &
                           structure, error)
       real(wp), intent(in) :: mass(:)                 !! [kg], positive
       real(wp), intent(in) :: coupling_stiffness(:)   !! [N/m]; the first goes to the wall
       real(wp), intent(in) :: contact_stiffness(:)    !! [N/m], positive
       real(wp), intent(in) :: normal_load(:)          !! N [N]
-      real(wp), intent(in) :: damping_ratio(:)        !! fraction of critical, not negative
+      real(wp), intent(in) :: damping_ratio(:)        !! zeta (mode), not negative
       type(structure_type), intent(out) :: structure
       type(error_type), allocatable, intent(out) :: error
       integer :: i, n

@@ -1,4 +1,4 @@
-!> A structure from files: Matrix Market matrices, a table of joints, directions, a load.
+!> Reads a structure from files: Matrix Market matrices, a table of joints, directions, a load.
 module structure_files
    use core_complaints, only: complaint_list
    use core_error, only: error_type
@@ -13,27 +13,27 @@ module structure_files
 
    integer, parameter :: most_points = 100000   !! points of a friction process
    integer, parameter :: most_forces = 100
-   real(wp), parameter :: rounding = 1.0e-12_wp   !! times the largest entry: equal
+   real(wp), parameter :: rounding = 1.0e-12_wp   !! asymmetry over the largest entry, at most
 
-   !> Where the parts of a structure lie; '': there is no such file.
+   !> Paths of the files of a structure; '': there is no such file.
    type :: structure_paths
       character(:), allocatable :: mass         !! M
       character(:), allocatable :: stiffness    !! K without the joints
       character(:), allocatable :: damping      !! C
-      character(:), allocatable :: joints
+      character(:), allocatable :: joints       !! table, see read_joints
       character(:), allocatable :: directions   !! W (dof, joint)
       character(:), allocatable :: load         !! b (dof, force)
    end type structure_paths
 
 contains
 
-   !> Reads and completes a structure; it is of use when nothing was complained of. Without a load
+   !> Reads and completes a structure, which is valid if there are no new complaints. Without a load
    !> file one force acts on `forced_dof`.
    subroutine read_structure(paths, rayleigh, damping_ratio, forced_dof, structure, complaints)
       type(structure_paths), intent(in) :: paths
-      real(wp), intent(in) :: rayleigh(2)        !! alpha [1/s], beta [s]; zeros: another damping
-      real(wp), intent(in) :: damping_ratio(:)   !! one, or one per mode, where there is no other
-      integer, intent(in) :: forced_dof          !! 0: the last
+      real(wp), intent(in) :: rayleigh(2)        !! alpha [1/s], beta [s]; zeros: not this damping
+      real(wp), intent(in) :: damping_ratio(:)   !! one, or one per mode, if no other damping
+      integer, intent(in) :: forced_dof          !! 0: the last dof
       type(structure_type), intent(out) :: structure
       type(complaint_list), intent(inout) :: complaints
       type(damping_type) :: damping
@@ -54,7 +54,7 @@ contains
          call read_symmetric(paths%damping, .false., structure%n_dof, damping%matrix, complaints)
          names%damping = paths%damping
       end if
-      if (complaints%n > n_before) return   ! before joints are judged by that size
+      if (complaints%n > n_before) return   ! n_dof may be unknown
       call read_joints(paths, structure, complaints)
       call read_load(paths%load, forced_dof, structure, complaints)
       if (complaints%n > n_before) return
@@ -62,10 +62,10 @@ contains
       if (allocated(error)) call complaints%add_general(error%message)
    end subroutine read_structure
 
-   !> Reads a symmetric matrix (dof, dof); the first settles how many dofs there are.
+   !> Reads a symmetric matrix (dof, dof); the first one gives the number of dofs.
    subroutine read_symmetric(path, is_mass, n_dof, matrix, complaints)
       character(*), intent(in) :: path
-      logical, intent(in) :: is_mass    !! whose diagonal must be positive
+      logical, intent(in) :: is_mass    !! True: its diagonal must be positive
       integer, intent(inout) :: n_dof   !! 0: not known yet
       real(wp), allocatable, intent(out) :: matrix(:, :)
       type(complaint_list), intent(inout) :: complaints
@@ -84,7 +84,7 @@ contains
       worst = maxloc(abs(file%value - transpose(file%value)))
       if (file%line(worst(2), worst(1)) > file%line(worst(1), worst(2))) worst = worst([2, 1])
       i = worst(1)
-      j = worst(2)   ! the later of the two on its line
+      j = worst(2)   ! (i, j) stands later in the file than (j, i)
       if (abs(file%value(i, j) - file%value(j, i)) > rounding*maxval(abs(file%value))) &
          call file%refuse(file%line(i, j), entry(file, i, j)//' but ('//to_text(j)//', '// &
                           to_text(i)//') = '//to_text(file%value(j, i))//': must be symmetric', &
@@ -98,6 +98,7 @@ contains
       call move_alloc(file%value, matrix)
    end subroutine read_symmetric
 
+   !> Complains of the sizes of a matrix.
    subroutine refuse_sizes(file, wanted, complaints)
       type(matrix_file), intent(in) :: file
       character(*), intent(in) :: wanted
@@ -122,8 +123,8 @@ contains
       text = 'entry ('//to_text(i)//', '//to_text(j)//') = '//to_text(file%value(i, j))
    end function entry
 
-   !> Reads dof_a dof_b stiffness normal_load friction [friction_point], a joint a line; without the
-   !> dofs where there is a file of directions.
+   !> Reads a line for each joint: dof_a dof_b stiffness normal_load friction [friction_point],
+   !> without the dofs if there is a file of directions.
    subroutine read_joints(paths, structure, complaints)
       type(structure_paths), intent(in) :: paths
       type(structure_type), intent(inout) :: structure
@@ -148,7 +149,7 @@ contains
       end if
    end subroutine read_joints
 
-   !> Reads W, none of whose columns vanishes.
+   !> Reads W (dof, joint); no column may be zero.
    subroutine read_directions(path, structure, complaints)
       character(*), intent(in) :: path
       type(structure_type), intent(inout) :: structure
@@ -171,17 +172,17 @@ contains
       end do
    end subroutine read_directions
 
-   !> Reads stiffness, normal load and friction of each joint, and the point of the process that
-   !> gives it its friction; without: its row.
+   !> Reads stiffness, normal load, friction and friction point of each joint; without the last, the
+   !> point is the joint's number.
    subroutine read_properties(table, n_dofs, structure, complaints)
       type(table_type), intent(in) :: table
-      integer, intent(in) :: n_dofs   !! columns before them
+      integer, intent(in) :: n_dofs   !! number of columns before
       type(structure_type), intent(inout) :: structure
       type(complaint_list), intent(inout) :: complaints
-      character(*), parameter :: names(3) = [character(11) :: 'stiffness', 'normal_load', &
-                                             'friction']
-      character(*), parameter :: rules(3) = [character(24) :: 'must be positive', &
-                                             'must be zero or positive', 'must be zero or positive']
+      character(*), parameter :: names(3) = &
+                                 [character(11) :: 'stiffness', 'normal_load', 'friction']
+      character(*), parameter :: rules(3) = [character(24) :: &
+         'must be positive', 'must be zero or positive', 'must be zero or positive']
       integer :: i, j
 
       structure%joint_stiffness = table%value(n_dofs + 1, :)
@@ -201,7 +202,7 @@ contains
       end do
    end subroutine read_properties
 
-   !> Puts +1 at dof_a, -1 at dof_b, which is 0 for the ground.
+   !> Reads the dofs of each joint. Its direction is +1 at dof_a and -1 at dof_b; 0 is the ground.
    subroutine read_pairs(table, structure, complaints)
       type(table_type), intent(in) :: table
       type(structure_type), intent(inout) :: structure
@@ -220,7 +221,7 @@ contains
       end do
    end subroutine read_pairs
 
-   !> Reads a whole number within limits; 0 after a complaint.
+   !> Reads a whole number between limits; 0 after a complaint.
    subroutine read_count(table, row, column, name, least, most, count, complaints)
       type(table_type), intent(in) :: table
       integer, intent(in) :: row, column, least, most
@@ -239,8 +240,7 @@ contains
       end associate
    end subroutine read_count
 
-   !> Reads the factor of each dof, one a line; a column a force. Without a file: 1 at the forced
-   !> dof.
+   !> Reads b: a line for each dof, a column for each force. Without a file, 1 at the forced dof.
    subroutine read_load(path, forced_dof, structure, complaints)
       character(*), intent(in) :: path
       integer, intent(in) :: forced_dof
@@ -253,7 +253,6 @@ contains
          allocate (structure%load(structure%n_dof, 1), source=0.0_wp)
          i = merge(forced_dof, structure%n_dof, forced_dof > 0)
          if (i <= structure%n_dof) structure%load(i, 1) = 1.0_wp
-         structure%n_forces = 1
          return
       end if
       n_before = complaints%n

@@ -1,6 +1,6 @@
-!> Matrices in Matrix Market files (math.nist.gov/MatrixMarket/formats.html): coordinate or array,
-!> real or integer, general or symmetric. A file that says anything else, or not exactly what its
-!> header promises, is refused.
+!> Reads matrices from Matrix Market files (math.nist.gov/MatrixMarket/formats.html): coordinate or
+!> array, real or integer, general or symmetric. Refuses all other files, and those whose content is
+!> not what their header says.
 module structure_matrix_market
    use core_complaints, only: complaint_list, printable
    use core_kinds, only: wp
@@ -12,29 +12,29 @@ module structure_matrix_market
    private
    public :: matrix_file, read_matrix
 
-   !> A full matrix, and where its entries stand in the file.
+   !> A full matrix, and the lines of its entries in the file.
    type :: matrix_file
       character(:), allocatable :: path
-      real(wp), allocatable :: value(:, :)       !! (row, column); of size (0, 0) after a complaint
-      integer, allocatable :: line(:, :)         !! (row, column) of the file; 0: not there, a zero
-      integer :: size_line = 0
+      real(wp), allocatable :: value(:, :)   !! (row, column); undefined after a complaint
+      integer, allocatable :: line(:, :)     !! (row, column) line of the entry; 0: not in the file
+      integer :: size_line = 0               !! line of the sizes
    contains
       procedure :: refuse
    end type matrix_file
 
-   !> A file, what its header says, and what its lines hold: rows, columns [, entries], then either
-   !> row, column, value or a value each.
+   !> A file, its header, and a table of its other lines: sizes (rows, columns [, entries]), then
+   !> entries (row, column, value, or value alone).
    type :: reader_type
       type(source_type) :: source
       type(table_type) :: table
       logical :: is_coordinate = .false., is_symmetric = .false., is_integer = .false.
-      integer :: line = 1                !! that is judged
-      character(:), allocatable :: rule  !! that it breaks, its subject first
+      integer :: line = 1                !! present line
+      character(:), allocatable :: rule  !! message, if the present line breaks a rule
    end type reader_type
 
 contains
 
-   !> Reads a matrix, and where its entries stand.
+   !> Reads a matrix from a file.
    subroutine read_matrix(path, matrix, complaints)
       character(*), intent(in) :: path
       type(matrix_file), intent(out) :: matrix
@@ -44,7 +44,6 @@ contains
       integer :: n_before
 
       matrix%path = path
-      allocate (matrix%value(0, 0))
       call read_source(path, reader%source, refusal, huge(1) - 1)
       if (allocated(refusal)) then
          call complaints%add_general(path//': '//refusal)
@@ -55,20 +54,17 @@ contains
       if (.not. allocated(reader%rule)) &
          call parse_rows(reader%source, '%', 1, 3, reader%table, complaints)
       if (complaints%n > n_before) return
-      if (.not. allocated(reader%rule)) call judge_sizes(reader)
+      if (.not. allocated(reader%rule)) call check_sizes(reader)
       matrix%size_line = reader%line
-      if (.not. allocated(reader%rule)) call take_entries(reader, matrix)
-      if (.not. allocated(reader%rule)) return
-      call matrix%refuse(reader%line, reader%rule, complaints)
-      deallocate (matrix%value)
-      allocate (matrix%value(0, 0))
+      if (.not. allocated(reader%rule)) call read_entries(reader, matrix)
+      if (allocated(reader%rule)) call matrix%refuse(reader%line, reader%rule, complaints)
    end subroutine read_matrix
 
-   !> Complains of a line; of the file where the line is 0.
+   !> Complains of a line, or of the file if the line is 0.
    subroutine refuse(self, line, rule, complaints)
       class(matrix_file), intent(in) :: self
       integer, intent(in) :: line
-      character(*), intent(in) :: rule   !! its subject first
+      character(*), intent(in) :: rule   !! begins with what breaks it
       type(complaint_list), intent(inout) :: complaints
 
       if (line == 0) then
@@ -78,7 +74,7 @@ contains
       end if
    end subroutine refuse
 
-   !> Reads %%MatrixMarket matrix coordinate|array real|integer general|symmetric
+   !> Reads the header: %%MatrixMarket matrix coordinate|array real|integer general|symmetric.
    pure subroutine read_header(reader)
       type(reader_type), intent(inout) :: reader
       character(:), allocatable :: line
@@ -111,8 +107,8 @@ contains
       reader%is_symmetric = words(5) == 'symmetric'
    end subroutine read_header
 
-   !> Names a file of another program. Abaqus writes `node,dof,node,dof,value` (MATRIX INPUT, behind
-   !> ** comments) or `row column value` (COORDINATE), without a header.
+   !> Refuses a file without a header; recognizes those of Abaqus, `node,dof,node,dof,value` (MATRIX
+   !> INPUT, after ** comments) or `row column value` (COORDINATE).
    pure subroutine refuse_header(reader)
       type(reader_type), intent(inout) :: reader
       character(*), parameter :: importer = ': convert it with `python -m entroslip.structure`'
@@ -141,8 +137,8 @@ contains
       end if
    end subroutine refuse_header
 
-   !> Judges the line of rows, columns [, entries].
-   subroutine judge_sizes(reader)
+   !> Checks the line of sizes: rows, columns [, entries].
+   subroutine check_sizes(reader)
       type(reader_type), intent(inout) :: reader
       real(wp) :: sizes(3)
 
@@ -166,10 +162,10 @@ contains
       else if (sizes(3) < 0.0_wp .or. sizes(3) > sizes(1)*sizes(2)) then
          reader%rule = shown(reader)//': entries must be from 0 to rows times columns'
       end if
-   end subroutine judge_sizes
+   end subroutine check_sizes
 
-   !> Takes exactly as many entries as the header promises, each once.
-   subroutine take_entries(reader, matrix)
+   !> Reads the entries, which must be as many as the sizes say.
+   subroutine read_entries(reader, matrix)
       type(reader_type), intent(inout) :: reader
       type(matrix_file), intent(inout) :: matrix
       integer :: i, j, n, n_entries, sizes(3)
@@ -178,7 +174,6 @@ contains
       n_entries = sizes(1)*sizes(2)
       if (reader%is_symmetric) n_entries = sizes(1)*(sizes(1) + 1)/2
       if (reader%is_coordinate) n_entries = sizes(3)
-      deallocate (matrix%value)
       allocate (matrix%value(sizes(1), sizes(2)), source=0.0_wp)
       allocate (matrix%line(sizes(1), sizes(2)), source=0)
       i = 0
@@ -189,14 +184,14 @@ contains
             reader%rule = shown(reader)//': stands behind the last of '//to_text(n_entries)// &
                           ' entries'
          else
-            call judge_entry(reader, n, matrix%line)
+            call check_entry(reader, n, matrix%line)
          end if
          if (allocated(reader%rule)) return
          if (reader%is_coordinate) then
             i = int(reader%table%value(1, n))
             j = int(reader%table%value(2, n))
          else
-            i = i + 1   ! columns one behind the other; of a symmetric one from the diagonal down
+            i = i + 1   ! column by column; in a symmetric matrix from the diagonal down
             if (i > sizes(1)) then
                j = j + 1
                i = merge(j, 1, reader%is_symmetric)
@@ -211,14 +206,14 @@ contains
       end do
       if (n < n_entries + 2) reader%rule = 'holds '//to_text(n - 2)//' entries: must be '// &
                                            to_text(n_entries)
-   end subroutine take_entries
+   end subroutine read_entries
 
-   !> Requires a value and, of a coordinate file, a place within the matrix, in the lower triangle
-   !> of a symmetric one, and not given before.
-   pure subroutine judge_entry(reader, n, line)
+   !> Checks an entry. In a coordinate file, its place must be within the matrix, in the lower
+   !> triangle of a symmetric one, and not taken.
+   pure subroutine check_entry(reader, n, line)
       type(reader_type), intent(inout) :: reader
       integer, intent(in) :: n
-      integer, intent(in) :: line(:, :)   !! of the entries before
+      integer, intent(in) :: line(:, :)   !! of the entries read before
       real(wp) :: fraction(3), row(3)
 
       row = reader%table%value(:, n)
@@ -237,9 +232,9 @@ contains
       end if
       if (reader%is_integer .and. fraction(reader%table%n_columns(n)) > 0.0_wp .and. &
           .not. allocated(reader%rule)) reader%rule = shown(reader)//': must be a whole number'
-   end subroutine judge_entry
+   end subroutine check_entry
 
-   !> The line that is judged, cut where it is long.
+   !> Present line, at most 60 characters of it.
    pure function shown(reader) result(text)
       type(reader_type), intent(in) :: reader
       character(:), allocatable :: text

@@ -1,8 +1,8 @@
 !> A structure with Jenkins joints: M x'' + C x' + K x + sum_j w_j r_j = b F(t).
 !>
-!> Joint j acts along its direction w_j. Stuck, it is a spring, r_j = k_j (w_j.x - z_j), whose
-!> slider stands at z_j; slipping, it carries r_j = +-mu_j N_j. With all joints stuck, or all
-!> slipping, the structure is linear. The friction coefficients mu belong to a sample, not to it.
+!> Joint j acts along its direction w_j. A stuck joint is a spring, r_j = k_j (w_j.x - z_j), with
+!> its slider at z_j; a slipping one carries r_j = +-mu_j N_j. With all joints stuck, or all
+!> slipping, the structure is linear. Friction coefficients mu_j belong to a sample.
 module structure_model
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: two_pi, wp
@@ -15,26 +15,27 @@ module structure_model
    public :: build_structure, damping_type, part_names, structure_type
    public :: memory_of_matrices, most_dofs, too_large
 
-   !> LAPACK counts its workspace, 2 n^2 + 6 n + 1 numbers of an eigenproblem, by a default integer
+   !> Largest n for which a default integer holds LAPACK's workspace of an eigenproblem, 2 n^2 + 6 n
+   !> + 1 numbers
    integer, parameter :: most_dofs = 32766
-   real(wp), parameter :: least_share = 1.0e-10_wp   !! times the largest eigenvalue: zero
+   real(wp), parameter :: least_share = 1.0e-10_wp   !! eigenvalue over the largest that is not zero
 
-   !> One structure. Matrices are full; has_lumped_mass says that M is diagonal.
+   !> One structure. Matrices are full.
    type :: structure_type
       integer :: n_dof = 0, n_joints = 0, n_forces = 0
-      integer :: n_points = 0                        !! of the process: largest friction_point
+      integer :: n_points = 0                        !! points of the friction process
       real(wp), allocatable :: mass(:, :)            !! M (dof, dof) [kg]
       real(wp), allocatable :: stiffness(:, :)       !! K without the joints (dof, dof) [N/m]
-      real(wp), allocatable :: damping(:, :)         !! C (dof, dof) [N s/m]; kept while joints slip
+      real(wp), allocatable :: damping(:, :)         !! C (dof, dof) [N s/m], for all patterns
       real(wp), allocatable :: direction(:, :)       !! w_j (dof, joint)
       real(wp), allocatable :: joint_stiffness(:)    !! k_j (joint) [N/m]
       real(wp), allocatable :: normal_load(:)        !! N_j (joint) [N]
       real(wp), allocatable :: joint_friction(:)     !! mu_j (joint) of deterministic cases
       integer, allocatable :: friction_point(:)      !! (joint) point of the process that gives mu_j
       real(wp), allocatable :: load(:, :)            !! b (dof, force)
-      real(wp), allocatable :: damping_ratio(:)      !! (mode), all joints stuck; size 0: not modal
+      real(wp), allocatable :: damping_ratio(:)      !! (mode); size 0: C is not modal damping
       real(wp) :: fastest_decay = 0.0_wp             !! largest eigenvalue of M^-1 C [1/s]
-      integer :: n_zero_modes = 0                    !! all joints stuck: motion without force
+      integer :: n_zero_modes = 0                    !! rigid motions with all joints stuck
       real(wp), allocatable :: frequencies_stuck(:)  !! (mode) [Hz], ascending
       real(wp), allocatable :: modes_stuck(:, :)     !! Phi (dof, mode), Phi' M Phi = 1
       real(wp), allocatable :: frequencies_slip(:)   !! (mode) [Hz], ascending; negative: unstable
@@ -44,23 +45,22 @@ module structure_model
       procedure :: stuck_stiffness
    end type structure_type
 
-   !> How C is formed: the matrix where there is one, else alpha M + beta K where one of them is not
-   !> zero, else a damping ratio for every mode of the structure with all joints stuck.
+   !> Damping of a structure: the matrix if there is one, else alpha M + beta K if alpha or beta is
+   !> not zero, else a damping ratio of every mode with all joints stuck.
    type :: damping_type
       real(wp), allocatable :: matrix(:, :)      !! C (dof, dof) [N s/m]
       real(wp) :: rayleigh(2) = 0.0_wp           !! alpha [1/s], beta [s]
-      real(wp), allocatable :: ratio(:)          !! one, or one per mode; of critical
+      real(wp), allocatable :: ratio(:)          !! fraction of critical, of all modes or (mode)
    end type damping_type
 
-   !> Names of a structure's parts in messages: the files that they come from.
+   !> Names of a structure's parts in messages: their files, or values of the scene.
    type :: part_names
       character(:), allocatable :: mass, stiffness, damping
    end type part_names
 
 contains
 
-   !> Bytes of the matrices of a structure and of its march, which are full: 8 of (dof, dof) and of
-   !> (dof, joint), 8 bytes a number.
+   !> Bytes of the full matrices of a structure and its march: eight (dof, dof), eight (dof, joint).
    elemental function memory_of_matrices(n_dof, n_joints) result(bytes)
       integer, intent(in) :: n_dof, n_joints
       real(wp) :: bytes
@@ -68,7 +68,7 @@ contains
       bytes = 64.0_wp*n_dof*(real(n_dof, wp) + n_joints)
    end function memory_of_matrices
 
-   !> Rule of a structure for whose matrices the system does not give the memory; '' where it does.
+   !> Message of a structure that is too large for the memory; '' if it fits.
    function too_large(n_dof, n_joints) result(text)
       integer, intent(in) :: n_dof, n_joints
       character(:), allocatable :: text
@@ -81,9 +81,9 @@ contains
       end associate
    end function too_large
 
-   !> Completes a structure whose M, K, joints, directions and load are given: finds the
-   !> frequencies, forms C, and refuses what cannot move or would feed energy. Sizes, symmetry and
-   !> joints are checked by whoever reads them.
+   !> Completes a structure whose M, K, joints, directions and load are given: finds frequencies and
+   !> modes, and forms C. Refuses an M that is not positive definite, a K that buckles with all
+   !> joints stuck, and a C that feeds energy. Does not check sizes, symmetry and joints.
    subroutine build_structure(damping, names, structure, error)
       type(damping_type), intent(in) :: damping
       type(part_names), intent(in) :: names
@@ -109,8 +109,8 @@ contains
       call form_damping(damping, names%damping, structure, error)
    end subroutine build_structure
 
-   !> True if M is not positive definite, or only by rounding: 1/(M_ii (M^-1)_ii), the share of a
-   !> dof's mass that moves with no other dof, is below n epsilon, in any units.
+   !> True if M is not positive definite, or only by rounding: if for a dof 1/(M_ii (M^-1)_ii), the
+   !> share of its mass that does not move with other dofs, is below n epsilon.
    logical function is_singular(mass)
       real(wp), intent(in) :: mass(:, :)
       type(error_type), allocatable :: error
@@ -126,7 +126,7 @@ contains
          is_singular = any([(n*epsilon(1.0_wp)*mass(i, i)*inverse(i, i) > 1.0_wp, i=1, n)])
    end function is_singular
 
-   !> Forms C by whichever kind of damping is given.
+   !> Forms C from the damping that is given.
    subroutine form_damping(damping, name, structure, error)
       type(damping_type), intent(in) :: damping
       character(*), intent(in) :: name
@@ -183,7 +183,7 @@ contains
       mass = [(self%mass(i, i), i=1, self%n_dof)]
    end function lumped_mass
 
-   !> K + sum k_j w_j w_j' over the stuck joints (dof, dof) [N/m].
+   !> Stiffness with a pattern of stuck joints, K + sum k_j w_j w_j' over these (dof, dof) [N/m].
    pure function stuck_stiffness(self, is_stuck) result(k)
       class(structure_type), intent(in) :: self
       logical, intent(in) :: is_stuck(:)   !! (joint)
@@ -200,19 +200,19 @@ contains
       end do
    end function stuck_stiffness
 
-   !> Finds natural frequencies [Hz], ascending, negative ones of negative eigenvalues, and if asked
-   !> for mass-normalized modes (dof, mode).
+   !> Finds natural frequencies [Hz], ascending, negative for negative eigenvalues, and, if wanted,
+   !> mass-normalized modes (dof, mode).
    !>
-   !> An eigenvalue within 1e-10 of the largest is known to few digits. Its Rayleigh quotient takes
-   !> its place: where that, too, cancels to 1e-10 of its terms, the mode is one without force. With
-   !> a `name`, an eigenvalue that is more negative is refused.
+   !> An eigenvalue below 1e-10 of the largest has few correct digits: its Rayleigh quotient
+   !> replaces it. If that is below 1e-10 of the sum of its absolute terms, the mode is a zero mode.
+   !> With a `name`, a more negative eigenvalue is refused.
    subroutine find_modes(stiffness, mass, frequencies, n_zero, error, modes, name)
       real(wp), intent(in) :: stiffness(:, :), mass(:, :)   !! (dof, dof) [N/m], [kg]
       real(wp), allocatable, intent(out) :: frequencies(:)
       integer, intent(out) :: n_zero
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable, intent(out), optional :: modes(:, :)
-      character(*), intent(in), optional :: name            !! name of K, with the joints stuck
+      character(*), intent(in), optional :: name            !! of K in the message
       real(wp), allocatable :: eigenvalues(:), vectors(:, :)
       real(wp) :: energy, least, terms
       integer :: r
@@ -248,12 +248,12 @@ contains
       if (present(modes)) call move_alloc(vectors, modes)
    end subroutine find_modes
 
-   !> C = M Phi diag(2 zeta omega) Phi' M (dof, dof) [N s/m].
+   !> Modal damping C = M Phi diag(2 zeta omega) Phi' M (dof, dof) [N s/m].
    function modal_damping(mass, modes, ratio, frequencies) result(damping)
       real(wp), intent(in), contiguous :: mass(:, :), modes(:, :)   !! (dof, dof) [kg]; (dof, mode)
       real(wp), intent(in) :: ratio(:), frequencies(:)     !! zeta (mode), (mode) [Hz]
       real(wp), allocatable :: damping(:, :)
-      real(wp), allocatable :: momentum(:, :)   ! (mode, dof), by the root of its damping
+      real(wp), allocatable :: momentum(:, :)   ! sqrt(2 zeta omega) Phi' M (mode, dof)
       integer :: r
 
       allocate (momentum, damping, mold=mass)
