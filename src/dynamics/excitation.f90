@@ -1,5 +1,5 @@
-!> Forces as functions of time: Gaussian noise by Fourier synthesis, white in a band (Sec. 3) or of
-!> a given spectrum, and sines.
+!> Force records: Gaussian noise by Fourier synthesis, white in a band (Sec. 3) or with a given
+!> power spectral density, and sines.
 module dynamics_excitation
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: two_pi, wp
@@ -11,19 +11,18 @@ module dynamics_excitation
    private
    public :: narrow_rule, narrowest_band, noise_force, sine_force
 
-   integer, parameter :: fewest_lines = 64          !! in the band, however short the record
-   integer, parameter :: longest_period = 2**28     !! of the synthesis [steps]
+   integer, parameter :: fewest_lines = 64        !! lines in the band, for any length of record
+   integer, parameter :: longest_period = 2**28   !! period of the synthesis [steps]
 
 contains
 
-   !> Makes a record of a stationary Gaussian process; the same stream gives the same record. Its
-   !> one-sided density is linear between the given values and zero outside of them, its expected
-   !> variance their integral. Without values the density is flat and the variance 1.
+   !> Makes a record of a stationary Gaussian process. Its one-sided power spectral density is
+   !> linear between the given values and zero outside of them; its expected variance is their
+   !> integral. Without values the density is flat and the variance 1.
    !>
-   !> It is a piece of a periodic one, not shorter than the record. Each line stands for the
-   !> frequencies nearer to it than to its neighbours, and a line at the edge only for those inside
-   !> the band, so that the expected variance is exact for every band, with or without zero and the
-   !> Nyquist frequency.
+   !> The record is a piece of a periodic one. Each spectral line has the power of the frequencies
+   !> that are nearer to it than to its neighbours and inside the band, so that the expected
+   !> variance is exact for every band, with or without zero and the Nyquist frequency.
    subroutine noise_force(frequency, dt, stream, force, error, density)
       real(wp), intent(in) :: frequency(:)   !! [Hz], ascending, within 0 and 1/(2 dt)
       real(wp), intent(in) :: dt             !! [s]
@@ -32,10 +31,10 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: density(:)   !! at each frequency, not negative [N^2/Hz]
       real(wp), allocatable :: level(:), normal(:)
-      complex(wp), allocatable :: line(:)   ! spacing apart, from 0
-      real(wp) :: band(2), scale, spacing   ! [Hz]
-      real(wp) :: unit                      ! of the levels
-      integer :: first, k, last, n          ! n: steps of the period
+      complex(wp), allocatable :: line(:)   ! line k at k times the spacing
+      real(wp) :: band(2), spacing          ! [Hz]
+      real(wp) :: scale, unit               ! rms of a line; power that counts as 1
+      integer :: first, k, last, n          ! n: period [steps]
 
       band = [frequency(1), frequency(size(frequency))]
       if (present(density)) then
@@ -68,8 +67,8 @@ contains
       call sum_lines(n, first, line, force)
    end subroutine noise_force
 
-   !> Makes a force whose fundamental is sin(2 pi f t), with the phase reduced to half a turn.
-   !> Linear between values sin(2 pi f t) it would have (sin(x)/x)^2 of it, x = pi f dt.
+   !> Makes a sine force, linear between steps, whose fundamental is sin(2 pi f t). Linear between
+   !> values sin(2 pi f t) it would be (sin(x)/x)^2 of that, x = pi f dt.
    pure subroutine sine_force(frequency, dt, force)
       real(wp), intent(in) :: frequency   !! [Hz]
       real(wp), intent(in) :: dt          !! [s]
@@ -80,12 +79,12 @@ contains
       x = 0.5_wp*two_pi*frequency*dt
       amplitude = (x/sin(x))**2
       do i = 0, ubound(force, 1)
-         turns = i*(frequency*dt)
+         turns = i*(frequency*dt)   ! reduced to half a turn below, to keep digits
          force(i) = amplitude*sin(two_pi*(turns - anint(turns)))
       end do
    end subroutine sine_force
 
-   !> Integral of a piecewise linear density, zero outside of its frequencies.
+   !> Integral from low to high of a piecewise linear density that is zero elsewhere [N^2].
    pure function power_between(frequency, density, low, high) result(power)
       real(wp), intent(in) :: frequency(:), density(:)
       real(wp), intent(in) :: low, high   !! [Hz]
@@ -103,13 +102,14 @@ contains
       end do
    end function power_between
 
-   pure subroutine check_band(what, band, dt, error)
-      character(*), intent(in) :: what
+   !> Refuses a band that is not ascending, is beyond the Nyquist frequency, or is too narrow.
+   pure subroutine check_band(label, band, dt, error)
+      character(*), intent(in) :: label   !! name of the band in messages
       real(wp), intent(in) :: band(2), dt
       type(error_type), allocatable, intent(out) :: error
       character(:), allocatable :: name
 
-      name = what//' = '//to_text(band(1))//', '//to_text(band(2))//': '
+      name = label//' = '//to_text(band(1))//', '//to_text(band(2))//': '
       if (.not. dt > 0.0_wp) then
          call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be positive')
       else if (.not. (band(1) >= 0.0_wp .and. band(2) > band(1))) then
@@ -122,14 +122,14 @@ contains
       end if
    end subroutine check_band
 
-   !> Narrowest band in which noise has lines enough to be more than a few sines [Hz].
+   !> Width of the narrowest band, in which noise has the fewest lines [Hz].
    pure real(wp) function narrowest_band(dt)
       real(wp), intent(in) :: dt   !! [s]
 
       narrowest_band = fewest_lines/(longest_period*dt)
    end function narrowest_band
 
-   !> Rule that a narrower band breaks.
+   !> Rule of the narrowest band, for messages.
    pure function narrow_rule(dt) result(rule)
       real(wp), intent(in) :: dt   !! [s]
       character(:), allocatable :: rule

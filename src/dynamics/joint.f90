@@ -1,9 +1,9 @@
-!> The law of a Jenkins joint and the account of its slip, for every marcher.
+!> The law of a Jenkins joint, and the count of its slip, for both marchers.
 !>
-!> Stuck, a joint is a spring, r = k (w.x - z), whose slider stands at z. It slips from where its
-!> guard mu N/k - |w.x - z| turns negative, with r = d mu N, d the sign of w.v. It sticks where its
-!> guard d w.v turns negative, and the slider then stands where r = d mu N exactly, so that no drift
-!> gathers. Marchers evaluate these guards in their kernels, for many samples at a time.
+!> A stuck joint is a spring, r = k (w.x - z), with its slider at z. It slips when its guard
+!> mu N/k - |w.x - z| becomes negative, and then carries r = d mu N, d the sign of w.v. It sticks
+!> when its guard d w.v becomes negative, with its slider where r = d mu N exactly, so that the
+!> force does not drift. The marchers evaluate these guards for many samples at a time.
 module dynamics_joint
    use core_kinds, only: wp
    use dynamics_response, only: block_state
@@ -15,8 +15,8 @@ module dynamics_joint
 
 contains
 
-   !> Direction of a slip that starts: along the velocity, which is outwards even where rounding has
-   !> carried the place past the reach.
+   !> Direction of a slip that starts, +1 or -1: that of the velocity, whose sign is right even if
+   !> rounding has carried |w.x - z| past the reach.
    elemental function slip_direction(velocity) result(direction)
       real(wp), intent(in) :: velocity   !! w.v [m/s]
       integer :: direction
@@ -24,7 +24,7 @@ contains
       direction = merge(1, -1, velocity >= 0.0_wp)
    end function slip_direction
 
-   !> Slider [m] of a joint that slips in a direction, or has just stuck: z = w.x - d mu N/k.
+   !> Slider of a joint that slips, or has just stuck: z = w.x - d mu N/k [m].
    elemental function slider_at(place, direction, reach) result(slider)
       real(wp), intent(in) :: place       !! w.x [m]
       integer, intent(in) :: direction    !! d, +1 or -1
@@ -34,9 +34,8 @@ contains
       slider = place - direction*reach
    end function slider_at
 
-   !> Force [N] of a joint at each displacement of a history that begins unstrained. Exact for a
-   !> motion that is monotonic between the given points: the slider gives way as far as keeps the
-   !> force within its limit.
+   !> Force of a joint at each point of a displacement history that begins without force [N]. Exact
+   !> if the motion is monotonic between the points: |r| is then limited to mu N at each of them.
    pure function jenkins_force(stiffness, slip_limit, displacement) result(force)
       real(wp), intent(in) :: stiffness         !! k [N/m]
       real(wp), intent(in) :: slip_limit        !! mu N [N], not negative
@@ -52,7 +51,7 @@ contains
       end do
    end function jenkins_force
 
-   !> Enters a transition into the account of a sample: a slip starts in a direction, or ends
+   !> Enters a transition into the state of a sample: a slip starts in a direction, or ends
    !> (direction 0). Without branches, as both are equally likely.
    pure subroutine enter_transition(state, joint, sample, time, place, direction)
       type(block_state), intent(inout) :: state
@@ -70,7 +69,7 @@ contains
       if (state%keeps_transitions) call state%transitions(sample)%append(time, joint, direction)
    end subroutine enter_transition
 
-   !> Counts the slips under way up to now, as where a span of the march ends.
+   !> Counts the present slips up to now, before slip times and distances are read.
    pure subroutine close_account(structure, time, state)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: time   !! [s]
@@ -86,14 +85,14 @@ contains
       end do
    end subroutine close_account
 
-   !> Counts a slip from its start, or from where it was last counted, to now. A joint slips in one
-   !> direction between the two, so |change of w.x| is its way.
+   !> Counts a slip from its start, or from when it was last counted, to now. A joint slips in one
+   !> direction in between, so that |change of w.x| is the distance.
    pure subroutine count_slip(state, joint, sample, time, place, share)
       type(block_state), intent(inout) :: state
       integer, intent(in) :: joint, sample
       real(wp), intent(in) :: time    !! [s]
       real(wp), intent(in) :: place   !! w.x [m]
-      real(wp), intent(in) :: share   !! 1; 0 where it has not slipped and starts to
+      real(wp), intent(in) :: share   !! 1; 0 if the joint has been stuck until now
 
       associate (j => joint, w => sample)
          state%slip_time(j, w) = state%slip_time(j, w) + share*(time - state%slip_since(j, w))

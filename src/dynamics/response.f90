@@ -1,4 +1,4 @@
-!> State of a block of samples, and the interface of the marchers that advance it.
+!> State of a block of samples during a march, and the interface of the two marchers.
 module dynamics_response
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -10,51 +10,51 @@ module dynamics_response
    !> Stick-slip transitions of one sample, in time order.
    type :: transition_list
       integer :: n = 0
-      real(wp), allocatable :: time(:)   !! [s]; valid to n
+      real(wp), allocatable :: time(:)   !! [s]
       integer, allocatable :: joint(:)
-      integer, allocatable :: kind(:)    !! +1, -1: slip starts in that direction; 0: sticks
+      integer, allocatable :: kind(:)    !! +1 or -1: slip starts in that direction; 0: slip ends
    contains
       procedure :: append
    end type transition_list
 
-   !> Samples marched together under one case. No result depends on who shares the block.
+   !> State of samples that are marched side by side. Results of a sample do not depend on the other
+   !> samples of its block.
    type :: block_state
       integer :: n_dof = 0
       integer :: n_joints = 0
       integer :: n_samples = 0
-      integer(long) :: step = 0                         !! steps done
+      integer(long) :: step = 0                         !! number of steps marched
       real(wp), allocatable :: displacement(:, :)       !! x (dof, sample) [m]
       real(wp), allocatable :: velocity(:, :)           !! (dof, sample) [m/s]
-      !> (item, sample) numbers from which a marcher goes on bit for bit, as it left them after so
-      !> many steps with parts of such a length [s]; see base_system of the exact march
-      real(wp), allocatable :: kept(:, :)
-      integer(long) :: kept_step = -1
-      real(wp) :: kept_h = 0.0_wp
+      !> (item, sample) internal state, from which the exact march continues with the same bits, if
+      !> it has stored it at this step and with parts of this length [s]
+      real(wp), allocatable :: internal(:, :)
+      integer(long) :: internal_step = -1
+      real(wp) :: internal_h = 0.0_wp
       real(wp), allocatable :: slider(:, :)             !! z (joint, sample) [m]; force k (w.x - z)
-      integer, allocatable :: direction(:, :)           !! (joint, sample) 0: stuck, +-1: slips so
+      integer, allocatable :: direction(:, :)           !! slip +1, -1; stuck 0 (joint, sample)
       real(wp), allocatable :: slip_limit(:, :)         !! mu N (joint, sample) [N]
-      !> (joint, sample) [s], [m]: slips that have ended or been closed (close_account); the
-      !> distance is the sum of |change of w.x| while slipping, so mu N times it is dissipated
+      !> (joint, sample) [s], [m] total of the slips counted so far; the distance is the sum of
+      !> |change of w.x| during slip, and mu N times the distance is dissipated
       real(wp), allocatable :: slip_time(:, :), slip_distance(:, :)
-      !> (joint, sample) [s], [m]: time and place w.x from which a slip under way is to be counted
+      !> (joint, sample) [s], [m] time and w.x up to which the present slip is counted
       real(wp), allocatable :: slip_since(:, :), slip_from(:, :)
       integer(long), allocatable :: slip_starts(:, :)   !! (joint, sample)
       integer(long), allocatable :: stick_starts(:, :)  !! (joint, sample)
-      logical :: keeps_ledger = .false.
-      real(wp), allocatable :: work_input(:)            !! (sample) [J]; kept when keeps_ledger
-      real(wp), allocatable :: work_viscous(:)          !! (sample) [J]
+      logical :: keeps_ledger = .false.                 !! True if work is computed
+      real(wp), allocatable :: work_input(:)            !! work of the forces (sample) [J]
+      real(wp), allocatable :: work_viscous(:)          !! work of the dampers (sample) [J]
       logical :: keeps_transitions = .false.
       type(transition_list), allocatable :: transitions(:)   !! (sample)
    end type block_state
 
-   !> Counted work of a march: multiplications of one sample in a step, where 32 are marched side by
-   !> side ((11) of docs/exact_march.md). A sample alone, or in scattered places, counts more.
+   !> Cost of a march: multiplications of one sample in a step ((11) of docs/exact_march.md).
    type :: march_work
-      real(wp) :: step = huge(1.0_wp)     !! without transitions
-      integer :: lanes = 1                !! samples that are marched in one, be they there or not
-      real(wp) :: transition = 0.0_wp     !! more for each transition
-      real(wp) :: share_anew = 0.0_wp     !! of the transitions, that begin all series anew
-      integer :: n_parts = 1              !! of the step
+      real(wp) :: step = huge(1.0_wp)      !! cost of a step without transitions
+      integer :: lanes = 1                 !! samples that cost as much as one
+      real(wp) :: transition = 0.0_wp      !! cost of a transition
+      real(wp) :: restart_share = 0.0_wp   !! share of transitions that start all series again
+      integer :: n_parts = 1               !! parts of a step
    contains
       procedure :: with_transitions
    end type march_work
@@ -69,16 +69,17 @@ module dynamics_response
    end type marcher_type
 
    abstract interface
-      !> Marches a block on by as many steps as the force has intervals. Recorded are the
-      !> displacements after each `every`-th step, counted from the start of the march.
+      !> Marches a block by as many steps as the force has intervals. Records displacements after
+      !> each `every`-th step, counted from the start of the march.
       subroutine advance_block(self, state, force, every, displacement, velocity, error)
          import :: block_state, error_type, marcher_type, wp
          class(marcher_type), intent(inout) :: self
          type(block_state), intent(inout) :: state
-         !> (step, column) [N], linear in between: a column a force, or n_forces for each sample
+         !> (step, force) [N] of all samples, or (step, force and sample); linear between steps
          real(wp), intent(in) :: force(0:, :)
          integer, intent(in) :: every
-         real(wp), intent(out) :: displacement(:, :, :)   !! (record, dof, sample) [m]; or size 0
+         !> (record, dof, sample) [m]; size 0: nothing is recorded
+         real(wp), intent(out) :: displacement(:, :, :)
          real(wp), intent(out), optional :: velocity(:, :, :)   !! (record, dof, sample) [m/s]
          type(error_type), allocatable, intent(out) :: error
       end subroutine advance_block
@@ -86,39 +87,34 @@ module dynamics_response
 
 contains
 
-   !> Multiplications of a sample in a step with so many transitions, in a block of so many samples
-   !> (if not given, of whole lanes).
+   !> Multiplications of a sample in a step with transitions (11). n_samples is the size of the
+   !> block; without it all lanes have a sample.
    elemental real(wp) function with_transitions(self, transitions, n_samples) result(work)
       class(march_work), intent(in) :: self
       real(wp), intent(in) :: transitions
       integer, intent(in), optional :: n_samples
-      real(wp) :: anew   ! transitions of a sample in a part
+      real(wp) :: m   ! transitions of a sample in a part that start all series again
 
-      anew = self%share_anew*transitions/self%n_parts
-      work = self%step*(1.0_wp + min(2.0_wp*self%lanes*anew, 2.0_wp + anew + 2.5_wp*sqrt(anew)))
+      m = self%restart_share*transitions/self%n_parts
+      work = self%step*(1.0_wp + min(2.0_wp*self%lanes*m, 2.0_wp + m + 2.5_wp*sqrt(m)))
       if (present(n_samples)) &
          work = work*self%lanes*((n_samples + self%lanes - 1)/self%lanes)/n_samples
       work = work + self%transition*transitions
    end function with_transitions
 
-   !> Starts a block at rest, sliders at zero, all joints stuck; a joint with mu N = 0 slips from
-   !> the start.
+   !> Initializes a block at rest, with sliders at zero and all joints stuck; a joint with mu N = 0
+   !> slips from the start. keeps_ledger and keeps_transitions of the state stay.
    pure subroutine start_block(structure, friction, state)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: friction(:, :)   !! mu_S = mu_D (joint, sample), not negative
-      type(block_state), intent(inout) :: state   !! keeps_ledger and keeps_transitions are kept
-      type(block_state) :: fresh
+      type(block_state), intent(inout) :: state
       integer :: m, n, w
 
       n = structure%n_dof
       m = structure%n_joints
       w = size(friction, 2)
-      fresh%keeps_ledger = state%keeps_ledger
-      fresh%keeps_transitions = state%keeps_transitions
-      state = fresh
-      state%n_dof = n
-      state%n_joints = m
-      state%n_samples = w
+      state = block_state(n_dof=n, n_joints=m, n_samples=w, keeps_ledger=state%keeps_ledger, &
+                          keeps_transitions=state%keeps_transitions)
       allocate (state%slip_limit(m, w), source=friction*spread(structure%normal_load, 2, w))
       allocate (state%direction(m, w), source=merge(0, 1, state%slip_limit > 0.0_wp))
       allocate (state%displacement(n, w), state%velocity(n, w), state%slider(m, w), &
@@ -129,7 +125,7 @@ contains
       allocate (state%transitions(w))
    end subroutine start_block
 
-   !> Kinetic energy, and strain energy of the structure and of its joints [J], per sample.
+   !> Kinetic energy and strain energy of the structure and of its joints, per sample [J].
    pure function stored_energy(structure, state) result(energy)
       type(structure_type), intent(in) :: structure
       type(block_state), intent(in) :: state
@@ -147,22 +143,21 @@ contains
       end do
    end function stored_energy
 
-   !> Puts one more transition into the list: in time order, by joints at one instant.
+   !> Inserts a transition into the list, by its time, then by its joint.
    pure subroutine append(self, time, joint, kind)
       class(transition_list), intent(inout) :: self
       real(wp), intent(in) :: time
       integer, intent(in) :: joint, kind
-      integer :: i, room
+      integer :: i
 
       if (.not. allocated(self%time)) allocate (self%time(64), self%joint(64), self%kind(64))
       if (self%n == size(self%time)) then
-         room = 2*self%n
-         self%time = [self%time, spread(0.0_wp, 1, room - self%n)]
-         self%joint = [self%joint, spread(0, 1, room - self%n)]
-         self%kind = [self%kind, spread(0, 1, room - self%n)]
+         self%time = [self%time, self%time]   ! twice the capacity
+         self%joint = [self%joint, self%joint]
+         self%kind = [self%kind, self%kind]
       end if
       self%n = self%n + 1
-      do i = self%n, 2, -1   ! a step's transitions may come in any order
+      do i = self%n, 2, -1   ! transitions of a step may come in any order
          if (self%time(i - 1) < time .or. &
              self%time(i - 1) <= time .and. self%joint(i - 1) <= joint) exit
          self%time(i) = self%time(i - 1)

@@ -1,4 +1,4 @@
-!> What the tests of the event march share: the paper's chain, random friction and forces, a march
+!> Shared by the tests of the exact march: the paper's chain, random friction and forces, a march
 !> of one block.
 module exact_cases
    use core_error, only: error_type
@@ -18,8 +18,8 @@ module exact_cases
 
 contains
 
-   !> Marches one block from rest; a history of huge values when the marcher refuses, which no test
-   !> takes for right.
+   !> Marches one block from rest; if the marcher refuses, the history has huge values, which fail
+   !> every test.
    subroutine march(chain, dt, tolerance, dof, friction, force, spacing, state, history, &
                     in_fewest_parts)
       type(structure_type), intent(in) :: chain
@@ -44,7 +44,7 @@ contains
       call close_account(structure, state%step*dt, state)
    end subroutine march
 
-   !> Makes a march one by power series in the fewest parts of a step, whatever takes less work.
+   !> Makes a march use power series in the fewest parts of a step, even if that is more work.
    subroutine use_fewest_parts(marcher)
       type(exact_march), intent(inout) :: marcher
       type(series_form), allocatable :: form

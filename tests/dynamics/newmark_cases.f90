@@ -1,4 +1,4 @@
-!> What the tests of Newmark's march share: forces, frictions, chains, a march of one sample.
+!> Shared by the tests of Newmark's march: forces, frictions, chains, a march of one sample.
 module newmark_cases
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -16,8 +16,8 @@ module newmark_cases
 
 contains
 
-   !> Marches one sample from rest, all sliders alike; huge values when it is refused, which no test
-   !> takes for right.
+   !> Marches one sample from rest, with the same friction of all joints; if it is refused, x has
+   !> huge values, which fail every test.
    subroutine march(marcher, chain, friction, force, nth, x)
       class(marcher_type), intent(inout) :: marcher
       type(structure_type), intent(in) :: chain
@@ -56,7 +56,7 @@ contains
       friction = reshape(0.05_wp + 0.3_wp*u, [n, n_samples])
    end function random_friction
 
-   !> Every property of every dof within a factor of two of the paper's.
+   !> Chain whose properties differ by less than a factor of two from the paper's.
    subroutine random_chain(n, number, chain)
       integer, intent(in) :: n, number
       type(structure_type), intent(out) :: chain

@@ -1,27 +1,28 @@
-!> One part of a step of 32 samples without transitions: the powers of all paths, their ends, and
-!> the joints whose guards may have a zero on the way.
+!> Free motion of 32 samples over one part of a step: the power series of all paths, their values at
+!> the end, and the candidates for transitions: joints whose guards may have a zero on the way.
 !>
-!> Loops over lanes have constant length. All data begins at multiples of 64 bytes.
+!> Loops over lanes have constant length, and all arrays are aligned to 64 bytes.
 module dynamics_exact_free_steps
    use core_kinds, only: long, wp
-   use dynamics_exact_joint_paths, only: joint_paths, layer_reach, layer_side, layer_slider, width
+   use dynamics_exact_joint_paths, only: joint_paths, regime_reach, regime_side, regime_slider, &
+                                         width
    use dynamics_exact_powers, only: next_power
    use dynamics_exact_series, only: most_degree, series_type
    implicit none(type, external)
    private
-   public :: expand_block, finish_part, follow_links
+   public :: expand_series, find_candidates, find_link_paths
 
-   integer, private :: b   ! of the constructors that follow
-   integer(long), parameter :: bit(width) = [(shiftl(1_long, b), b=0, width - 1)]
-   !> Guards within this share of the reach count as suspect (5)
-   real(wp), parameter :: margin = 1.0e-6_wp
-   real(wp), parameter :: power(most_degree) = [(b, b=1, most_degree)]
+   integer, private :: i_   ! index of the constructors
+   integer(long), parameter :: bit(width) = [(shiftl(1_long, i_), i_=0, width - 1)]
+   real(wp), parameter :: margin = 1.0e-6_wp   !! guard of a candidate over its reach, at most (5)
+   real(wp), parameter :: power(most_degree) = [(i_, i_=1, most_degree)]
+   !> k (k - 1)(k - 2)/8 of (3)
    real(wp), parameter :: bend(most_degree) = 0.125_wp*power*(power - 1.0_wp)*(power - 2.0_wp)
 
 contains
 
-   !> Finds powers 2 .. P of all rows.
-   subroutine expand_block(series, paths)
+   !> Finds powers 2 .. P of the paths of all rows.
+   subroutine expand_series(series, paths)
       type(series_type), intent(in) :: series
       type(joint_paths), intent(inout) :: paths
       integer :: k, turn
@@ -31,19 +32,19 @@ contains
          do k = 0, series%degree - 2
             call next_power(series%operators(k), turn, paths%stiffness, paths%pull, paths%places)
             if (series%n_links == 0) cycle
-            call push_links(paths%top, series, k, x(1, 1, paths%layer(k)), paths%stiffness, &
-                            paths%pull, x(1, 1, k + 2))
-            call follow_links(paths%top, series, x(1, 1, k + 2))
+            call add_link_forces(paths%n_padded, series, k, x(1, 1, paths%layer(k)), &
+                                 paths%stiffness, paths%pull, x(1, 1, k + 2))
+            call find_link_paths(paths%n_padded, series, x(1, 1, k + 2))
          end do
       end associate
-   end subroutine expand_block
+   end subroutine expand_series
 
    !> Adds the forces of the links to x_(k+2) of the dofs that they join.
-   subroutine push_links(top, series, k, x0, stiffness, pull, x2)
-      integer, intent(in) :: top, k
+   subroutine add_link_forces(n_padded, series, k, x0, stiffness, pull, x2)
+      integer, intent(in) :: n_padded, k
       type(series_type), intent(in) :: series
-      real(wp), intent(in), dimension(width, top) :: x0, stiffness, pull
-      real(wp), intent(inout) :: x2(width, top)
+      real(wp), intent(in), dimension(width, n_padded) :: x0, stiffness, pull
+      real(wp), intent(inout) :: x2(width, n_padded)
       real(wp) :: force(width), pulls
       integer :: e, g, row
 
@@ -57,13 +58,13 @@ contains
             end associate
          end do
       end do
-   end subroutine push_links
+   end subroutine add_link_forces
 
-   !> Forms the paths of the links from those of the dofs, one power.
-   subroutine follow_links(top, series, x)
-      integer, intent(in) :: top   !! rows
+   !> Finds one power of the paths of the links from that of the dofs.
+   subroutine find_link_paths(n_padded, series, x)
+      integer, intent(in) :: n_padded   !! rows
       type(series_type), intent(in) :: series
-      real(wp), intent(inout) :: x(width, top)
+      real(wp), intent(inout) :: x(width, n_padded)
       integer :: e, g
 
       do g = 1, series%n_links
@@ -74,10 +75,10 @@ contains
             end do
          end associate
       end do
-   end subroutine follow_links
+   end subroutine find_link_paths
 
-   !> Ends of all paths, and the suspects.
-   subroutine finish_part(paths)
+   !> Finds the values of all paths at the end of the part, and lists the candidates.
+   subroutine find_candidates(paths)
       type(joint_paths), intent(inout) :: paths
       real(wp) :: least(width)
       integer(long) :: word
@@ -87,32 +88,32 @@ contains
       least = huge(1.0_wp)
       associate (x => paths%x, start => paths%layer(0), finish => paths%finish(0))
          do e = 1, size(paths%joint)
-            call finish_row(paths%degree, paths, e, x(1, 1, start), x(1, 1, 2), paths%regime, &
-                            x(1, 1, finish), least, word)
+            call find_row_candidates(paths%degree, paths, e, x(1, 1, start), x(1, 1, 2), &
+                                     paths%regime, x(1, 1, finish), least, word)
             do while (word /= 0_long)
                n = n + 1
-               paths%suspect(n) = width*(paths%joint(e) - 1) + trailz(word) + 1
+               paths%candidate(n) = width*(paths%joint(e) - 1) + trailz(word) + 1
                word = iand(word, word - 1_long)
             end do
          end do
       end associate
-      paths%n_suspects = n
-      paths%least = least
-   end subroutine finish_part
+      paths%n_candidates = n
+      paths%least_guard = least
+   end subroutine find_candidates
 
-   !> Finds the least values of a row's guards: a path leaves its chord by at most max |x''|/8 <=
-   !> sum k (k - 1)/8 |x_k|, a velocity by sum k (k - 1)(k - 2)/8 |x_k| (3); the guards of the
-   !> chords have their least values at its ends.
-   subroutine finish_row(degree, paths, entry, start, x, regime, finish, least, word)
+   !> Finds the end of a row's path, and lower bounds of the guards of its joint. A path leaves its
+   !> chord by at most max |x''|/8 <= sum k (k - 1)/8 |x_k|, a velocity by sum k (k - 1)(k - 2)/8
+   !> |x_k| (3). The guard of a chord is least at one of its ends.
+   subroutine find_row_candidates(degree, paths, entry, start, x, regime, finish, least, word)
       integer, intent(in) :: degree
       type(joint_paths), intent(in) :: paths
       integer, intent(in) :: entry
-      real(wp), intent(in) :: start(width, paths%top, 0:1)   !! powers 0 and 1
-      real(wp), intent(in) :: x(width, paths%top, 2:degree)
+      real(wp), intent(in) :: start(width, paths%n_padded, 0:1)   !! powers 0 and 1
+      real(wp), intent(in) :: x(width, paths%n_padded, 2:degree)
       real(wp), intent(in) :: regime(width, paths%n_joints + 1, 4)
-      real(wp), intent(inout) :: finish(width, paths%top, 0:1)
+      real(wp), intent(inout) :: finish(width, paths%n_padded, 0:1)
       real(wp), intent(inout) :: least(width)   !! see joint_paths
-      integer(long), intent(out) :: word   !! a bit for every lane whose joint is suspect
+      integer(long), intent(out) :: word   !! bit l - 1 is 1 if the joint of lane l is a candidate
       real(wp), dimension(width) :: guard, path, turn, velocity
       integer(long) :: hits(width)
       integer :: i, j, k, l
@@ -139,14 +140,15 @@ contains
          velocity(l) = start(l, i, 1) + (2.0_wp*x(l, i, 2) + velocity(l))
          finish(l, i, 0) = path(l)
          finish(l, i, 1) = velocity(l)
-         guard(l) = max(abs(start(l, i, 0) - regime(l, j, layer_slider)), &
-                        abs(path(l) - regime(l, j, layer_slider)))
-         guard(l) = (1.0_wp - margin)*regime(l, j, layer_reach) - guard(l) &
+         guard(l) = max(abs(start(l, i, 0) - regime(l, j, regime_slider)), &
+                        abs(path(l) - regime(l, j, regime_slider)))
+         guard(l) = (1.0_wp - margin)*regime(l, j, regime_reach) - guard(l) &
                     - 0.25_wp*abs(x(l, i, 2))
-         velocity(l) = min(regime(l, j, layer_side)*start(l, i, 1), &
-                           regime(l, j, layer_side)*velocity(l)) - margin*regime(l, j, layer_reach)
-         guard(l) = merge(velocity(l), guard(l), abs(regime(l, j, layer_side)) > 0.0_wp) - turn(l)
-         hits(l) = iand(bit(l), shifta(transfer(guard(l), 0_long), 63))   ! sign
+         velocity(l) = min(regime(l, j, regime_side)*start(l, i, 1), &
+                           regime(l, j, regime_side)*velocity(l)) &
+                       - margin*regime(l, j, regime_reach)
+         guard(l) = merge(velocity(l), guard(l), abs(regime(l, j, regime_side)) > 0.0_wp) - turn(l)
+         hits(l) = iand(bit(l), shifta(transfer(guard(l), 0_long), 63))   ! the guard's sign bit
       end do
       if (allocated(paths%coupling)) then
          do l = 1, width
@@ -154,6 +156,6 @@ contains
          end do
       end if
       word = iany(hits)
-   end subroutine finish_row
+   end subroutine find_row_candidates
 
 end module dynamics_exact_free_steps

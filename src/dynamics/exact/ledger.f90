@@ -1,10 +1,10 @@
-!> Work of the force and of the dampers over a piece of motion, from the power series of its paths.
+!> Work of the forces and of the dampers over a part or less, from the power series of its paths.
 !>
-!> Stored energy changes by input - viscous - friction. The joints' share needs no integral: a joint
-!> that slips takes mu N times its way (dynamics_joint).
+!> Stored energy changes by input - viscous - friction. Friction needs no integral: it takes mu N
+!> times the slip distance (dynamics_joint).
 module dynamics_exact_ledger
    use core_kinds, only: wp
-   use dynamics_exact_joint_paths, only: joint_paths, local_answers, width
+   use dynamics_exact_joint_paths, only: joint_paths, local_responses, width
    use dynamics_exact_series, only: most_degree, series_type
    use dynamics_exact_transitions, only: transition_group
    use numerics_quadrature, only: gauss_legendre
@@ -16,34 +16,32 @@ module dynamics_exact_ledger
 
    integer, parameter :: lanes = 8, vectors = width/lanes
 
-   !> Terms that one transition adds to the path of its dof: d_3 (t - tau)^3 + ...
-   type :: answer_type
+   !> Response of a dof to a transition of its joint: d_3 (t - tau)^3 + ... is added to its path.
+   type :: response_type
       integer :: lane, row
       real(wp) :: time                   !! tau [parts]
       real(wp) :: power(3:most_degree)   !! d
-   end type answer_type
+   end type response_type
 
-   !> Works are in J.
+   !> Data from which the work of a part is computed [J].
    type :: ledger_type
-      real(wp), allocatable :: node(:), weight(:)   !! Gauss and Legendre, on (0, 1)
+      real(wp), allocatable :: node(:), weight(:)   !! of Gauss-Legendre quadrature on (0, 1)
       real(wp), allocatable :: mass(:)              !! (dof) m/h^2 [kg/s^2]
-      !> Diagonal of M C^/h^2, and twice what is below it: v'Cv is the sum of v_i times rows of both
-      real(wp), allocatable :: decay(:)             !! (dof)
-      type(sparse_matrix) :: damping
-      !> Transitions answered locally in the part
-      integer :: n_answers = 0
-      type(answer_type), allocatable :: answer(:)
-      real(wp), allocatable :: area(:, :)           !! (lane, loaded dof) integral of what they add
+      real(wp), allocatable :: decay(:)             !! (dof) diagonal of D = M C^/h^2
+      type(sparse_matrix) :: damping                !! twice D below its diagonal
+      integer :: n_responses = 0
+      type(response_type), allocatable :: response(:)   !! to the local transitions of the part
+      real(wp), allocatable :: area(:, :)           !! (lane, loaded dof) integral of all responses
    contains
-      procedure :: note_answer
+      procedure :: keep_response
       procedure :: add_part
    end type ledger_type
 
 contains
 
-   !> As many nodes as integrate the power of the fastest motion a thousand times better than the
-   !> tolerance: powers change at twice its rate, and n nodes leave (n!)^4/((2n + 1) (2n)!^3) times
-   !> the derivative of order 2n.
+   !> Ledger of a series, with as many nodes n as integrate the dampers' power to 0.001 of the
+   !> tolerance: power changes at 2 rho, twice the fastest rate, and the error of n nodes is
+   !> (n!)^4/((2n + 1) (2n)!^3) times the derivative of order 2n.
    pure function new_ledger(series, structure, tolerance) result(ledger)
       type(series_type), intent(in) :: series
       type(structure_type), intent(in) :: structure
@@ -67,21 +65,20 @@ contains
          damping(:j, j) = 0.0_wp
       end do
       ledger%damping = sparse_of(damping)
-      allocate (ledger%answer(1))
+      allocate (ledger%response(1))
       allocate (ledger%area(width, size(series%loaded)), source=0.0_wp)
    end function new_ledger
 
-   !> Adds the works of all lanes over spans of one part. Answers to transitions are part of the
-   !> velocities of their own dofs, the others' are left out: they are below a hundredth of it. The
-   !> force's work on an answer is by parts f(1) d(1) - f' times the integral of d. Spans other than
-   !> 1 have no answers.
+   !> Adds the work of all lanes over a span of a part. Responses count in the velocities of their
+   !> own dofs; those of other dofs are below a hundredth and neglected. The force's work on a
+   !> response d is, by parts, f(1) d(1) - f' times the integral of d. Spans other than 1 have none.
    pure subroutine add_part(self, series, paths, span, work)
       class(ledger_type), intent(inout) :: self
       type(series_type), intent(in) :: series
       type(joint_paths), intent(in) :: paths
       real(wp), intent(in) :: span(width)           !! [parts]
       real(wp), intent(inout) :: work(width, 2)     !! input, viscous
-      real(wp) :: added(width)   ! by transitions, to the end of a path
+      real(wp) :: added(width)   ! by transitions, to the displacement at the end
       real(wp), dimension(width) :: power, term
       real(wp) :: push(width, 0:1)   ! h^2 M^-1 b F: value and rise over the span [m]
       integer :: dof, f, i, k
@@ -106,19 +103,19 @@ contains
             work(:, 1) = work(:, 1) + self%mass(dof)*(added*(push(:, 0) + push(:, 1)) &
                                                       - self%area(:, i)*push(:, 1))
          end do
-         call add_viscous(self, series%degree, paths%top, span, x(1, 1, layer(1)), x(1, 1, 2), &
-                          work(:, 2))
+         call add_viscous(self, series%degree, paths%n_padded, span, x(1, 1, layer(1)), &
+                          x(1, 1, 2), work(:, 2))
       end associate
-      self%n_answers = 0
+      self%n_responses = 0
       self%area = 0.0_wp
    end subroutine add_part
 
    !> Adds the work of the dampers, eight lanes at a time, so that sums stay in registers.
-   pure subroutine add_viscous(self, degree, top, span, x1, x, work)
+   pure subroutine add_viscous(self, degree, n_padded, span, x1, x, work)
       class(ledger_type), intent(in) :: self
-      integer, intent(in) :: degree, top
+      integer, intent(in) :: degree, n_padded
       real(wp), intent(in) :: span(lanes, vectors)
-      real(wp), intent(in) :: x1(lanes, vectors, top), x(lanes, vectors, top, 2:degree)
+      real(wp), intent(in) :: x1(lanes, vectors, n_padded), x(lanes, vectors, n_padded, 2:degree)
       real(wp), intent(inout) :: work(lanes, vectors)
       real(wp) :: velocity(lanes, size(self%mass))
       real(wp), dimension(lanes) :: total, t
@@ -140,7 +137,7 @@ contains
                   velocity(l, i) = total(l)*t(l) + x1(l, v, i)
                end do
             end do
-            call add_answers(self, degree, self%node(g), lanes*(v - 1), velocity)
+            call add_responses(self, degree, self%node(g), lanes*(v - 1), velocity)
             do i = 1, size(self%mass)
                do l = 1, lanes
                   total(l) = self%decay(i)*velocity(l, i)
@@ -158,53 +155,53 @@ contains
       end do
    end subroutine add_viscous
 
-   !> Adds the answers to transitions before t, in the velocities of their dofs.
-   pure subroutine add_answers(self, degree, t, before, velocity)
+   !> Adds the responses to transitions before t to the velocities of their dofs.
+   pure subroutine add_responses(self, degree, t, before, velocity)
       class(ledger_type), intent(in) :: self
       integer, intent(in) :: degree
-      integer, intent(in) :: before   !! lanes before those of velocity
+      integer, intent(in) :: before   !! number of lanes before those of velocity
       real(wp), intent(in) :: t
       real(wp), intent(inout) :: velocity(lanes, size(self%mass))
       real(wp) :: rest
       integer :: e, k, l
 
-      do e = 1, self%n_answers
-         associate (answer => self%answer(e))
-            l = answer%lane - before
-            if (answer%time >= t .or. l < 1 .or. l > lanes) cycle
+      do e = 1, self%n_responses
+         associate (response => self%response(e))
+            l = response%lane - before
+            if (response%time >= t .or. l < 1 .or. l > lanes) cycle
             rest = 0.0_wp
             do k = degree, 3, -1
-               rest = rest*(t - answer%time) + k*answer%power(k)
+               rest = rest*(t - response%time) + k*response%power(k)
             end do
-            velocity(l, answer%row) = velocity(l, answer%row) + rest*(t - answer%time)**2
+            velocity(l, response%row) = velocity(l, response%row) + rest*(t - response%time)**2
          end associate
       end do
-   end subroutine add_answers
+   end subroutine add_responses
 
-   !> Keeps a transition for add_part: the answer of its dof, and the integrals of the answers of
-   !> loaded dofs, which are the next of the sums (7).
-   pure subroutine note_answer(self, loaded, answers, group, entry)
+   !> Keeps a transition for add_part: the response of its dof, and the integrals of the responses
+   !> of loaded dofs, sum N_s A_(s+1) (10).
+   pure subroutine keep_response(self, loaded, responses, group, entry)
       class(ledger_type), intent(inout) :: self
       integer, intent(in) :: loaded(:)   !! dofs
-      type(local_answers), intent(in) :: answers
+      type(local_responses), intent(in) :: responses
       type(transition_group), intent(in) :: group
       integer, intent(in) :: entry
       integer :: e, i
 
-      if (self%n_answers == size(self%answer)) self%answer = [self%answer, self%answer]
-      self%n_answers = self%n_answers + 1
+      if (self%n_responses == size(self%response)) self%response = [self%response, self%response]
+      self%n_responses = self%n_responses + 1
       associate (l => group%lane(entry), row => group%row(entry), area => self%area)
-         self%answer(self%n_answers) = answer_type(l, row, group%time(entry), &
-                                                   group%answer(entry, :))
+         self%response(self%n_responses) = response_type(l, row, group%time(entry), &
+                                                         group%response(entry, :))
          do i = 1, size(loaded)
             if (loaded(i) == row) area(l, i) = area(l, i) + group%ends(entry, 3)
-            do e = answers%first(row), answers%first(row + 1) - 1
-               if (answers%dof(e) /= loaded(i)) cycle
-               area(l, i) = area(l, i) + (answers%value(1, e)*group%ends(entry, 5) &
-                                          + answers%value(2, e)*group%ends(entry, 7))
+            do e = responses%first(row), responses%first(row + 1) - 1
+               if (responses%dof(e) /= loaded(i)) cycle
+               area(l, i) = area(l, i) + (responses%value(1, e)*group%ends(entry, 5) &
+                                          + responses%value(2, e)*group%ends(entry, 7))
             end do
          end do
       end associate
-   end subroutine note_answer
+   end subroutine keep_response
 
 end module dynamics_exact_ledger

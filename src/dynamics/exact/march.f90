@@ -1,6 +1,6 @@
-!> The exact march: piecewise-linear force, exact motion between transitions, each of them located
-!> (docs/exact_march.md). It goes by power series in the dofs or by modes, whichever needs less
-!> work.
+!> The exact march: the force is piecewise linear, the motion between transitions is exact, and
+!> every transition is located (docs/exact_march.md). The motion is found by power series in the
+!> dofs or by modes, whichever needs less work.
 module dynamics_exact_march
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
@@ -16,12 +16,12 @@ module dynamics_exact_march
    private
    public :: check_exact, exact_march, fewest_parts, new_exact_march
 
-   integer, parameter :: most_parts = 4096   !! of a step; more are refused
+   integer, parameter :: most_parts = 4096   !! parts of a step; more are refused
 
 contains
 
-   !> Prepares the exact march for one structure: tolerance 1e-12 .. 1e-3 of each dof's rms
-   !> displacement.
+   !> Prepares the exact march for one structure. The tolerance is relative to the rms displacement
+   !> of each dof; 1e-12 to 1e-3 are tested.
    subroutine new_exact_march(structure, dt, tolerance, marcher, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt          !! [s]
@@ -37,17 +37,17 @@ contains
       marcher%tolerance = tolerance
       transitions = transitions_of_step(structure, dt)
       if (structure%has_lumped_mass()) call use_series(transitions, marcher)
-      ! in modes, each joint reads all modes twice at least
+      ! in modes, the path of each joint takes two products with all modes at least
       if (2.0_wp*structure%n_joints*structure%n_dof < marcher%work_series) &
          call try_modes(transitions, marcher, error)
    end subroutine new_exact_march
 
-   !> Refuses what cannot be marched, or only in too many parts.
+   !> Refuses a time step or a tolerance that cannot be marched, or only in too many parts.
    pure subroutine check_exact(structure, dt, tolerance, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt, tolerance
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: longest   ! step [s]
+      real(wp) :: longest   ! longest step [s]
 
       if (.not. dt > 0.0_wp) then
          call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be positive')
@@ -67,10 +67,10 @@ contains
       end if
    end subroutine check_exact
 
-   !> Chooses power series in as many parts as take the least work: in shorter ones more joints are
-   !> answered locally (8).
+   !> Chooses power series, in the number of parts that takes the least work: in shorter parts more
+   !> joints are local (8).
    subroutine use_series(transitions, marcher)
-      real(wp), intent(in) :: transitions   !! of a sample in a step
+      real(wp), intent(in) :: transitions   !! expected number for a sample in a step
       type(exact_march), intent(inout) :: marcher
       type(series_form), allocatable :: form
       type(march_work) :: work
@@ -94,13 +94,14 @@ contains
       end do
    end subroutine use_series
 
-   !> Chooses modes if they need a fifth less work than power series, whose errors are relative to
-   !> each dof's own motion down to any size: rounding of modes is relative to the largest.
+   !> Chooses modes if they need a fifth less work than power series. Power series are preferred
+   !> because their rounding errors are relative to the motion of each dof; those of modes are
+   !> relative to the largest motion.
    subroutine try_modes(transitions, marcher, error)
-      real(wp), intent(in) :: transitions   !! of a sample in a step
+      real(wp), intent(in) :: transitions   !! expected number for a sample in a step
       type(exact_march), intent(inout) :: marcher
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: of_transition = 7000.0_wp, share = 0.8_wp   ! multiplications (11)
+      real(wp), parameter :: per_transition = 7000.0_wp, most_share = 0.8_wp   ! see (11)
       type(modal_form), allocatable :: form
       type(march_work) :: work
 
@@ -110,9 +111,9 @@ contains
       if (form%operators%n_parts > most_parts) return
       work%step = form%operators%n_parts*form%operators%work()
       work%lanes = lanes
-      work%transition = of_transition
+      work%transition = per_transition
       marcher%work_modes = work%with_transitions(transitions)
-      if (marcher%work_modes >= share*marcher%work_series) return
+      if (marcher%work_modes >= most_share*marcher%work_series) return
       marcher%work = work
       marcher%parts = form%operators%n_parts
       marcher%form = 'modes'
@@ -120,9 +121,9 @@ contains
       call move_alloc(form, marcher%base)
    end subroutine try_modes
 
-   !> Transitions of a sample in a step, by a guess: one of every joint in a period of the fastest
-   !> mode with all joints stuck, but in 20 steps, as forces are written, or in half a period of the
-   !> slowest mode, at most (11).
+   !> Guessed number of transitions of a sample in a step: one of every joint in a period of the
+   !> fastest mode with all joints stuck, but at most one in 20 steps, a period of the fastest
+   !> force, or in half a period of the slowest mode, if that is shorter (11).
    pure real(wp) function transitions_of_step(structure, dt) result(transitions)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt   !! [s]
@@ -133,7 +134,7 @@ contains
       end associate
    end function transitions_of_step
 
-   !> Parts of a step that power series need, at least (4).
+   !> Smallest number of parts of a step for power series (4).
    pure integer function fewest_parts(structure, dt) result(parts)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt   !! [s]

@@ -1,10 +1,11 @@
-!> Blocks of two numbers that the modes part into: between transitions each goes on by itself.
+!> Uncoupled blocks of two state variables, into which the modes are transformed (M3).
 !>
-!> The modes q'' + C^ q' + Omega^2 q = f are p' = A p + B f in 2 n numbers, A of 2 x 2 blocks (M3).
-!> Where C^ is diagonal, block r is mode r, p = (q_r, q_r'): f pushes its second number and joints
-!> read its first, so it has one port. Where C^ couples modes, (q, q') = V p. The block of a pair of
-!> poles a +- i b is [a, b; -b, a], that of two real poles diagonal: f pushes both numbers and
-!> joints read both, so it has two ports. Numbers in brackets are formulas of docs/exact_march.md.
+!> The modes q'' + C^ q' + Omega^2 q = f are p' = A p + B f in 2 n state variables p, A of 2 x 2
+!> blocks. If C^ is diagonal, block r is mode r, p = (q_r, q_r'). Forces drive its second variable
+!> and joints move with its first: it has one port. If C^ couples modes, (q, q') = V p. The block of
+!> a pair of poles a +- i b is [a, b; -b, a], that of two real poles diagonal. Forces drive both
+!> variables and joints move with both: it has two ports. Numbers in brackets are formulas of
+!> docs/exact_march.md.
 module dynamics_exact_modal_blocks
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -15,46 +16,45 @@ module dynamics_exact_modal_blocks
    private
    public :: modal_blocks, new_modal_blocks
 
-   real(wp), parameter :: negligible = 1.0e-10_wp   !! of sqrt(C_rr C_ss)
-   real(wp), parameter :: rounding = 1.0e-14_wp     !! of the largest C_rr: couplings of zero modes
+   real(wp), parameter :: negligible = 1.0e-10_wp   !! |C^_rs|/sqrt(C^_rr C^_ss) of no coupling
+   real(wp), parameter :: rounding = 1.0e-14_wp     !! error of C^_rs over max C^_rr, for zero modes
 
-   !> Blocks in the order of their rates. Numbers of a block stand one after another; of one port,
-   !> the first is read and the second pushed.
+   !> Blocks in the order of their rates. State variables 2 b - 1 and 2 b are those of block b.
    type :: modal_blocks
-      integer :: ports = 1
-      real(wp), allocatable :: rate(:)         !! (block) largest |pole|; of a mode omega h or C^_rr
+      integer :: ports = 1                       !! ports of a block
+      real(wp), allocatable :: rate(:)           !! (block) max |pole|, or max(omega h, C^_rr)
       real(wp), allocatable :: block(:, :, :)    !! A (2, 2, block)
-      real(wp), allocatable :: state(:, :), inverse(:, :)   !! V (q q', number) and V^-1
+      real(wp), allocatable :: state(:, :), inverse(:, :)   !! V (q and q', variable) and V^-1
    contains
       procedure :: metric
-      procedure :: reads
-      procedure :: pushes
-      procedure :: numbers
+      procedure :: outputs
+      procedure :: inputs
+      procedure :: variables
    end type modal_blocks
 
 contains
 
-   !> Finds the blocks. Where poles coincide, eigenvectors do too: they part where C^ is changed in
-   !> its tenth digit.
+   !> Finds the blocks. If poles, and so eigenvectors, coincide, C^ is changed in its tenth digit to
+   !> separate them.
    subroutine new_modal_blocks(omega, damping, blocks, error)
       real(wp), intent(in) :: omega(:), damping(:, :)   !! Omega (mode), C^ (mode, mode)
       type(modal_blocks), intent(out) :: blocks
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: most_condition = 1.0e5_wp, tenth_digit = 1.0e-10_wp   ! (M3)
-      real(wp), allocatable :: apart(:, :)
+      real(wp), allocatable :: separated(:, :)
       real(wp) :: condition
       integer :: r
 
       call find_blocks(omega, damping, blocks, condition, error)
       if (allocated(error) .or. condition <= most_condition) return
-      apart = damping
+      separated = damping
       do r = 1, size(omega)
-         apart(r, r) = damping(r, r)*(1.0_wp + tenth_digit*r/size(omega))
+         separated(r, r) = damping(r, r)*(1.0_wp + tenth_digit*r/size(omega))
       end do
-      call find_blocks(omega, apart, blocks, condition, error)
+      call find_blocks(omega, separated, blocks, condition, error)
    end subroutine new_modal_blocks
 
-   !> True for each mode that damping couples with another.
+   !> True for each mode that damping couples with another mode.
    pure function is_coupled(omega, damping) result(coupled)
       real(wp), intent(in) :: omega(:), damping(:, :)
       logical :: coupled(size(omega))
@@ -71,35 +71,35 @@ contains
       end do
    end function is_coupled
 
-   !> Finds V and the blocks. Modes that damping does not couple are blocks by themselves: poles of
-   !> those without stiffness may coincide. If all are, blocks have one port.
+   !> Finds V and the blocks. A mode that damping does not couple is a block itself, as the poles of
+   !> one without stiffness may coincide. If all modes are blocks, these have one port.
    subroutine find_blocks(omega, damping, blocks, condition, error)
       real(wp), intent(in) :: omega(:), damping(:, :)
       type(modal_blocks), intent(inout) :: blocks
-      real(wp), intent(out) :: condition   !! largest row of V^-1, of columns of length 1
+      real(wp), intent(out) :: condition   !! largest row norm of V^-1, if columns of V have norm 1
       type(error_type), allocatable, intent(out) :: error
       complex(wp), allocatable :: poles(:)
       real(wp), allocatable :: a(:, :), block(:, :, :), modes(:, :), rate(:), state(:, :), &
-                               turned(:, :), vectors(:, :)
+                               rotated(:, :), vectors(:, :)
       real(wp) :: scale(2*size(omega))
       integer, allocatable :: coupled(:), order(:)
       logical, allocatable :: couples(:)
       integer :: b, i, n, n_coupled, r
 
       n = size(omega)
-      call turn_zero_modes(omega, damping, turned, modes, error)
+      call rotate_zero_modes(omega, damping, rotated, modes, error)
       if (allocated(error)) return
-      couples = is_coupled(omega, turned)
+      couples = is_coupled(omega, rotated)
       coupled = pack([(r, r=1, n)], couples)
       n_coupled = size(coupled)
-      scale = 1.0_wp   ! of q', so that A is balanced
+      scale = 1.0_wp   ! scale of q', so that A is balanced
       scale(n + coupled) = max(1.0_wp, omega(coupled))
       allocate (a(2*n_coupled, 2*n_coupled), source=0.0_wp)
       associate (s => scale(n + coupled))
          do i = 1, n_coupled
             a(i, n_coupled + i) = s(i)
             a(n_coupled + i, i) = -omega(coupled(i))**2/s(i)
-            a(n_coupled + i, n_coupled + 1:) = -turned(coupled(i), coupled)*s/s(i)
+            a(n_coupled + i, n_coupled + 1:) = -rotated(coupled(i), coupled)*s/s(i)
          end do
       end associate
       poles = [complex(wp) ::]
@@ -116,8 +116,8 @@ contains
       end do
       do r = 1, n
          if (couples(r)) cycle
-         rate(b) = max(omega(r), abs(turned(r, r)))
-         block(:, :, b) = reshape([0.0_wp, -omega(r)**2, 1.0_wp, -turned(r, r)], [2, 2])
+         rate(b) = max(omega(r), abs(rotated(r, r)))
+         block(:, :, b) = reshape([0.0_wp, -omega(r)**2, 1.0_wp, -rotated(r, r)], [2, 2])
          state(r, 2*b - 1) = 1.0_wp
          state(n + r, 2*b) = 1.0_wp
          b = b + 1
@@ -144,37 +144,37 @@ contains
       blocks%state = state
    end subroutine find_blocks
 
-   !> Turns modes without stiffness such that damping does not couple them with each other: poles of
-   !> one that it does not reach coincide.
-   subroutine turn_zero_modes(omega, damping, turned, modes, error)
+   !> Rotates the modes without stiffness so that damping does not couple them with each other.
+   !> Otherwise a combination of them without damping would have coinciding poles.
+   subroutine rotate_zero_modes(omega, damping, rotated, modes, error)
       real(wp), intent(in) :: omega(:), damping(:, :)
-      real(wp), allocatable, intent(out) :: turned(:, :)   !! C^ of the turned modes
-      real(wp), allocatable, intent(out) :: modes(:, :)    !! q = modes x turned q, of these
+      real(wp), allocatable, intent(out) :: rotated(:, :)   !! C^ after the rotation
+      real(wp), allocatable, intent(out) :: modes(:, :)     !! q = modes x rotated q of these modes
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: decay(count(.not. omega > 0.0_wp))
       integer :: n
 
       n = size(decay)
-      turned = damping
+      rotated = damping
       modes = unit_matrix(n)
       if (n < 2) return
       modes = damping(:n, :n)
       call find_symmetric_eigenvectors(modes, decay, error)
       if (allocated(error)) return
-      turned(:n, :) = matmul(transpose(modes), turned(:n, :))
-      turned(:, :n) = matmul(turned(:, :n), modes)
-   end subroutine turn_zero_modes
+      rotated(:n, :) = matmul(transpose(modes), rotated(:n, :))
+      rotated(:, :n) = matmul(rotated(:, :n), modes)
+   end subroutine rotate_zero_modes
 
-   !> Puts pairs of poles first and real ones by their size, and scales their vectors: displacements
-   !> of a pair, or of a real pole, have length 1.
+   !> Sorts poles, complex pairs first and then real poles by size, and scales their vectors: the
+   !> displacements of a pair, or of a real pole, have norm 1.
    pure subroutine pair_poles(poles, vectors)
       complex(wp), intent(inout) :: poles(:)
-      real(wp), intent(inout) :: vectors(:, :)   !! (q q', pole): real and imaginary parts of a pair
+      real(wp), intent(inout) :: vectors(:, :)   !! (q and q', pole): real, imaginary part of a pair
       integer :: i, order(size(poles))
       real(wp) :: key(size(poles))
 
       key = abs(poles)
-      where (abs(poles%im) > 0.0_wp) key = -1.0_wp   ! LAPACK has pairs together
+      where (abs(poles%im) > 0.0_wp) key = -1.0_wp   ! LAPACK returns pairs side by side
       order = sort_order(key)
       poles = poles(order)
       vectors = vectors(:, order)
@@ -189,8 +189,7 @@ contains
       end associate
    end subroutine pair_poles
 
-   !> N of the numbers of all blocks, p'N p = q'C^q + 2 q'q': zero between blocks of different poles
-   !> (M9).
+   !> N (variable, variable), p'N p = q'C^q + 2 q'q': zero between blocks of different poles (M9).
    pure function metric(self, damping)
       class(modal_blocks), intent(in) :: self
       real(wp), intent(in) :: damping(:, :)   !! C^ (mode, mode)
@@ -201,12 +200,11 @@ contains
       end associate
    end function metric
 
-   !> Factors of the numbers of all ports in what is read from q, or from q', of which one port has
-   !> the second numbers.
-   pure function reads(self, gain, from_rate) result(factors)
+   !> Factors of the ports of all blocks (row, port) in gain times q, or in gain times q'.
+   pure function outputs(self, gain, from_rate) result(factors)
       class(modal_blocks), intent(in) :: self
       real(wp), intent(in) :: gain(:, :)   !! (row, mode)
-      logical, intent(in) :: from_rate
+      logical, intent(in) :: from_rate     !! True: times q'
       real(wp) :: factors(size(gain, 1), self%ports*size(gain, 2))
       integer :: first, n
 
@@ -215,10 +213,10 @@ contains
       associate (state => self%state(merge(n, 0, from_rate) + 1:, first::3 - self%ports))
          factors = matmul(gain, state(:n, :))
       end associate
-   end function reads
+   end function outputs
 
-   !> Pushes of the numbers of all ports where loads push q''.
-   pure function pushes(self, load) result(factors)
+   !> Factors of loads on the modes in the ports of all blocks (port, column).
+   pure function inputs(self, load) result(factors)
       class(modal_blocks), intent(in) :: self
       real(wp), intent(in) :: load(:, :)   !! (mode, column)
       real(wp) :: factors(self%ports*size(load, 1), size(load, 2))
@@ -226,15 +224,15 @@ contains
       associate (first => 3 - self%ports)
          factors = matmul(self%inverse(first::first, size(load, 1) + 1:), load)
       end associate
-   end function pushes
+   end function inputs
 
-   !> Numbers of all blocks, as the march keeps them: by ports, or first and second ones apart.
-   pure function numbers(self, q, velocity) result(p)
+   !> State variables of all blocks: (first variable of block, second) of one port, or (port, 1).
+   pure function variables(self, q, velocity) result(p)
       class(modal_blocks), intent(in) :: self
       real(wp), intent(in) :: q(:), velocity(:)   !! q' (mode)
       real(wp) :: p(self%ports*size(q), 3 - self%ports)
 
       p = transpose(reshape(matmul(self%inverse, [q, velocity]), [size(p, 2), size(p, 1)]))
-   end function numbers
+   end function variables
 
 end module dynamics_exact_modal_blocks

@@ -1,21 +1,21 @@
-!> Base system of any structure, in the modes that it has with all joints stuck.
+!> Exact march of any structure by its modes with all joints stuck.
 !>
-!> Modes rotate exactly over a part, whatever their frequency. A slipping joint is a moving slider:
-!> the path of every joint is the polynomial through its free path at the half and the end of the
-!> part, and the answers to all sliders, power by power (M4), (M5). The modes then take the
-!> integrals of the sliders' motion (M6). All transitions of a sample in a part are treated in the
-!> paths of its joints alone (dynamics_exact_modal_lane).
+!> The free motion of the modes over a part is exact at any frequency. A slipping joint is a stuck
+!> one whose slider moves. The path of every joint is a polynomial, the interpolation of its free
+!> path (M4), to which the responses to the sliders are added power by power (M5). The modes then
+!> take the integrals of the sliders' motion (M6). Transitions are found and made in the paths of
+!> the joints alone (dynamics_exact_modal_lane).
 module dynamics_exact_modal_form
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use dynamics_exact_base_system, only: base_system, raise_too_many, switch_joint
-   use dynamics_exact_free_steps, only: finish_part
-   use dynamics_exact_guard_zeros, only: no_crossing
-   use dynamics_exact_joint_paths, only: layer_side, layer_spring, width
-   use dynamics_exact_modal_lane, only: find_answers, lane_paths
-   use dynamics_exact_modal_operators, only: four, kernel_fit, modal_operators, new_modal_operators
+   use dynamics_exact_free_steps, only: find_candidates
+   use dynamics_exact_guard_zeros, only: no_zero
+   use dynamics_exact_joint_paths, only: regime_side, regime_spring, width
+   use dynamics_exact_modal_lane, only: find_responses, lane_paths
+   use dynamics_exact_modal_operators, only: kernel_fit, modal_operators, new_modal_operators, strip
    use dynamics_exact_modal_sliders, only: moving_sliders
-   use dynamics_exact_modal_steps, only: multiply, push_motion, read_paths, rotate
+   use dynamics_exact_modal_steps, only: add_slider_motion, advance_blocks, find_paths, multiply
    use dynamics_exact_modal_terms, only: groups, lanes, path_degree
    use dynamics_exact_transitions, only: last_integral, transition_group
    use dynamics_alignment, only: aligned_memory
@@ -25,51 +25,52 @@ module dynamics_exact_modal_form
    private
    public :: modal_form, new_modal_form
 
-   !> Modes and joints of 32 samples, in groups of eight side by side.
+   !> Base system by modes: 32 samples in four groups of eight lanes.
    type, extends(base_system) :: modal_form
       type(modal_operators) :: operators
-      integer :: n_groups = 0   !! that have samples
-      !> (lane, row, plane, group) numbers of blocks, q and q' or p, then S z; from run_part to
-      !> go_on those that the free motion has at the end
+      integer :: n_groups = 0   !! groups with samples
+      !> (lane, row, plane, group) state of the blocks, q and q' or p, then S z. It is that at the
+      !> end of the free motion from march_freely to end_part
       real(wp), pointer, contiguous :: modes(:, :, :, :) => null()
-      !> Room for the group under way: (lane, row, 1:2) p, p' at 1/2 less those of the path through
-      !> both ends; (lane, row, 0:moment) S I
-      real(wp), pointer, contiguous, dimension(:, :, :) :: middle => null(), taken => null()
+      !> Buffers of one group: (lane, row, 1:2) what p and p' at 1/2 add to the cubic (M4);
+      !> (lane, row, 0:moment) S I of (M6)
+      real(wp), pointer, contiguous, dimension(:, :, :) :: midpoint => null(), &
+                                                           slider_moments => null()
       type(moving_sliders) :: sliders
-      !> With a ledger: (lane, number, block, group) p' at the start of the part
+      !> With a ledger: (lane, 1:2, block, group) p' at the start of the part
       real(wp), pointer, contiguous, private :: rates(:, :, :, :) => null()
       type(aligned_memory), private :: memory
-      type(lane_paths), private :: lane   !! room for redo
+      type(lane_paths), private :: lane   !! buffer of march_again
    contains
-      procedure :: begin
-      procedure :: take
-      procedure :: give
-      procedure :: run_part
-      procedure :: correct
-      procedure :: redo
-      procedure :: go_on
-      procedure :: put_state
+      procedure :: allocate_memory
+      procedure :: load_state
+      procedure :: store_state
+      procedure :: march_freely
+      procedure :: add_transition
+      procedure :: march_again
+      procedure :: end_part
+      procedure :: copy_state
    end type modal_form
 
 contains
 
-   !> Prepares as many parts a step as the tolerance needs, relative to the rms displacement.
+   !> Prepares the form, with as many parts in a step as the tolerance needs.
    subroutine new_modal_form(structure, dt, tolerance, form, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt          !! [s]
-      real(wp), intent(in) :: tolerance
+      real(wp), intent(in) :: tolerance   !! relative to the rms displacement
       type(modal_form), intent(out) :: form
       type(error_type), allocatable, intent(out) :: error
 
       call new_modal_operators(structure, dt, tolerance, form%operators, error)
       if (allocated(error)) return
       form%h = form%operators%h
-      form%n_forces = structure%n_forces
-      form%n_kept = (4 - form%operators%blocks%ports)*form%operators%n_rows + 2*structure%n_joints
+      form%n_internal = (4 - form%operators%blocks%ports)*form%operators%n_rows &
+                        + 2*structure%n_joints
    end subroutine new_modal_form
 
    !> See base_system.
-   subroutine begin(self)
+   subroutine allocate_memory(self)
       class(modal_form), intent(inout) :: self
       real(wp), pointer, contiguous :: planes(:, :, :)
       integer :: j, n, n_planes
@@ -78,60 +79,61 @@ contains
          n = size(for%push, 1)
          n_planes = 4 - for%blocks%ports
          self%paths%coupling = for%coupling
-         call self%sliders%start(for%n_joints, for%n_moments)
-         call self%paths%start(path_degree, self%n_forces, &
-                               [(0.0_wp, j=1, four*size(for%reads, 3))], [(j, j=1, for%n_joints)], &
-                               [(for%markov(j, j, 0), j=1, for%n_joints)])
+         call self%sliders%initialize(for%n_joints, for%n_moments)
+         call self%paths%initialize(path_degree, for%n_forces, &
+                                    [(0.0_wp, j=1, strip*size(for%outputs, 3))], &
+                                    [(j, j=1, for%n_joints)], &
+                                    [(for%markov(j, j, 0), j=1, for%n_joints)])
          if (self%keeps_ledger .and. .not. for%ledger%is_ready) &
             call for%ledger%prepare(self%h, for%damping, for%modal_load, for%blocks, &
                                     kernel_fit(for%n_moments))
-         call self%memory%start(int(lanes, long)*n*((n_planes + 2)*groups + 3 + for%n_moments))
-         call self%memory%take([lanes, n, n_planes*groups], planes)
+         call self%memory%reserve(int(lanes, long)*n*((n_planes + 2)*groups + 3 + for%n_moments))
+         call self%memory%assign_planes([lanes, n, n_planes*groups], planes)
          self%modes(1:lanes, 1:n, 1:n_planes, 1:groups) => planes
-         call self%memory%take([lanes, n, 2], self%middle)
-         call self%memory%take([lanes, n, for%n_moments + 1], self%taken)
-         call self%memory%take([lanes, 2, for%n_modes*groups], planes)
+         call self%memory%assign_planes([lanes, n, 2], self%midpoint)
+         call self%memory%assign_planes([lanes, n, for%n_moments + 1], self%slider_moments)
+         call self%memory%assign_planes([lanes, 2, for%n_modes*groups], planes)
          self%rates(1:lanes, 1:2, 1:for%n_modes, 1:groups) => planes
       end associate
-   end subroutine begin
+   end subroutine allocate_memory
 
    !> See base_system.
-   subroutine take(self, state)
+   subroutine load_state(self, state)
       class(modal_form), intent(inout) :: self
       type(block_state), intent(inout) :: state
       integer :: e, g, k, l, m, n, w
 
       m = self%operators%n_joints
       n = self%operators%n_rows
-      k = self%n_kept - 2*m
+      k = self%n_internal - 2*m
       self%n_groups = group_of(self%paths%n_samples)
       self%modes = 0.0_wp
-      self%sliders%has_switched = .true.   ! regimes are given
-      self%sliders%n_moved = m
-      self%sliders%moved(:m, :) = spread([(l, l=1, m)], 2, groups)
+      self%sliders%has_switched = .true.   ! so that the moving sliders are found anew
+      self%sliders%n_moving = m
+      self%sliders%moving(:m, :) = spread([(l, l=1, m)], 2, groups)
       self%paths%x = 0.0_wp
       do l = 1, self%paths%n_samples
          w = self%paths%first_sample + l - 1
          g = group_of(l)
          e = l - lanes*(g - 1)
          associate (place => state%displacement(:, w), speed => state%velocity(:, w), &
-                    kept => state%kept(:, w), u => self%paths%x(l, :m, self%paths%layer(0)), &
+                    kept => state%internal(:, w), u => self%paths%x(l, :m, self%paths%layer(0)), &
                     v => self%paths%x(l, :m, self%paths%layer(1)), for => self%operators, &
                     modes => self%modes(e, :n, :, g))
-            if (self%is_kept) then
+            if (self%has_internal) then
                modes = reshape(kept(:k), shape(modes))
                u = kept(k + 1:k + m)
                v = kept(k + m + 1:)
             else
-               modes(:, :k/n - 1) = for%blocks%numbers(matmul(place, for%momentum), &
-                                                       matmul(speed, for%momentum)*self%h)
+               modes(:, :k/n - 1) = for%blocks%variables(matmul(place, for%momentum), &
+                                                         matmul(speed, for%momentum)*self%h)
                modes(:, k/n) = matmul(for%push(:n, :), state%slider(:, w))
                u = matmul(place, for%direction)
                v = matmul(speed, for%direction)*self%h
             end if
          end associate
       end do
-   end subroutine take
+   end subroutine load_state
 
    !> Group of a lane.
    elemental integer function group_of(lane)
@@ -141,14 +143,14 @@ contains
    end function group_of
 
    !> See base_system.
-   subroutine give(self, state)
+   subroutine store_state(self, state)
       class(modal_form), intent(inout) :: self
       type(block_state), intent(inout) :: state
       real(wp), dimension(width, self%operators%n_modes) :: displacement, velocity
       integer :: g, l, m, w
 
       m = self%operators%n_joints
-      call self%put_state(displacement, velocity)
+      call self%copy_state(displacement, velocity)
       do l = 1, self%paths%n_samples
          w = self%paths%first_sample + l - 1
          g = group_of(l)
@@ -156,26 +158,26 @@ contains
             state%work_viscous(w) + (square(state%velocity(:, w)) - square(velocity(l, :)))
          state%displacement(:, w) = displacement(l, :)
          state%velocity(:, w) = velocity(l, :)
-         state%kept(:, w) = [self%modes(l - lanes*(g - 1), :self%operators%n_rows, :, g), &
-                             self%paths%x(l, :m, self%paths%layer(0)), &
-                             self%paths%x(l, :m, self%paths%layer(1))]
+         state%internal(:, w) = [self%modes(l - lanes*(g - 1), :self%operators%n_rows, :, g), &
+                                 self%paths%x(l, :m, self%paths%layer(0)), &
+                                 self%paths%x(l, :m, self%paths%layer(1))]
       end do
 
    contains
 
-      !> v'v [J], whose growth the ledger leaves out of the parts (M9).
+      !> v'v [J], whose growth over a march add_part leaves out (M9).
       pure real(wp) function square(velocity)
          real(wp), intent(in) :: velocity(:)
 
          square = sum(matmul(velocity, self%operators%momentum)**2)
       end function square
 
-   end subroutine give
+   end subroutine store_state
 
-   !> See base_system. Takes the modes of each group ahead, and follows the paths of its joints.
-   subroutine run_part(self)
+   !> See base_system. Advances the modes of each group, and finds the paths of its joints.
+   subroutine march_freely(self)
       class(modal_form), intent(inout) :: self
-      real(wp) :: force(lanes, self%n_forces, 0:1)   ! value and rise [N]
+      real(wp) :: force(lanes, self%operators%n_forces, 0:1)   ! value and rise [N]
       integer :: first, g, joints, rows
 
       rows = size(self%modes, 2)
@@ -187,20 +189,20 @@ contains
                     u => self%paths%layer(0), v => self%paths%layer(1), &
                     regime => self%paths%regime)
             if (self%keeps_ledger) call for%ledger%start_part(g, rows, force, modes)
-            call rotate(for, rows, force, self%keeps_ledger, modes, self%middle, &
-                        self%rates(:, :, :, g))
-            call read_paths(for, joints, rows, modes, self%middle, x(first, 1, u), &
+            call advance_blocks(for, rows, force, self%keeps_ledger, modes, self%midpoint, &
+                                self%rates(:, :, :, g))
+            call find_paths(for, joints, rows, modes, self%midpoint, x(first, 1, u), &
                             x(first, 1, v), x(first, 1, 2))
-            call self%sliders%follow(g, for, joints, regime(first, 1, layer_side), &
-                                     regime(first, 1, layer_spring), x(first, 1, v), &
-                                     x(first, 1, 2))
+            call self%sliders%move_sliders(g, for, joints, regime(first, 1, regime_side), &
+                                           regime(first, 1, regime_spring), x(first, 1, v), &
+                                           x(first, 1, 2))
          end associate
       end do
-      call finish_part(self%paths)
-   end subroutine run_part
+      call find_candidates(self%paths)
+   end subroutine march_freely
 
    !> See base_system.
-   subroutine correct(self, group, entry)
+   subroutine add_transition(self, group, entry)
       class(modal_form), intent(inout) :: self
       type(transition_group), intent(in) :: group
       integer, intent(in) :: entry
@@ -213,16 +215,16 @@ contains
       e = lane - lanes*(g - 1)
       n = 1
       joints(1) = group%joint(entry)
-      do i = 1, self%sliders%n_moved(g)
-         associate (j => self%sliders%moved(i, g))
+      do i = 1, self%sliders%n_moving(g)
+         associate (j => self%sliders%moving(i, g))
             if (j == joints(1) .or. .not. self%sliders%moves(e, j, g) > 0.0_wp) cycle
             n = n + 1
             joints(n) = j
          end associate
       end do
-      call find_answers(self%operators%markov, joints(:n), group%path(entry, 1:path_degree), &
-                        .not. abs(group%side(entry)) > 0.0_wp, 1.0_wp - group%time(entry), &
-                        moments, ends)
+      call find_responses(self%operators%markov, joints(:n), group%path(entry, 1:path_degree), &
+                          .not. abs(group%side(entry)) > 0.0_wp, 1.0_wp - group%time(entry), &
+                          moments, ends)
       call self%sliders%switch(g, joints(1))
       associate (integrals => self%sliders%moments(e, :, :, g), &
                  place => self%paths%x(lane, :, self%paths%finish(0)), &
@@ -237,10 +239,10 @@ contains
             velocity(i) = velocity(i) + ends(i, 1)
          end do
       end associate
-   end subroutine correct
+   end subroutine add_transition
 
    !> See base_system.
-   subroutine redo(self, begin, state, error)
+   subroutine march_again(self, begin, state, error)
       class(modal_form), intent(inout) :: self
       real(wp), intent(in) :: begin
       type(block_state), intent(inout) :: state
@@ -251,67 +253,67 @@ contains
 
       associate (m => self%operators%n_joints, one => self%lane)
          do lane = 1, width
-            if (.not. self%paths%is_involved(lane)) cycle
+            if (.not. self%paths%is_remarched(lane)) cycle
             g = group_of(lane)
             e = lane - lanes*(g - 1)
-            call one%take(self%paths, lane, self%sliders%moves(e, :, g), self%operators%n_moments)
+            call one%load(self%paths, lane, self%sliders%moves(e, :, g), self%operators%n_moments)
             do round = 0, self%max_transitions
                call one%find_next(span)
-               if (.not. span < no_crossing) exit
+               if (.not. span < no_zero) exit
                call one%move_on(span)
                do j = 1, m
-                  if (one%crossing(j) > span + same_instant) cycle
-                  call switch_joint(self, lane, j, begin + 1.0_wp - one%left, one%path(j, 0), &
+                  if (one%next_zero(j) > span + same_instant) cycle
+                  call switch_joint(self, lane, j, begin + 1.0_wp - one%time_left, one%path(j, 0), &
                                     one%path(j, 1), state)
                   call self%sliders%switch(g, j)
                   call one%switch_slider(self%operators, j)
                end do
             end do
             if (round > self%max_transitions) then
-               call raise_too_many(self, minloc(one%crossing, 1), lane, begin, error)
+               call raise_too_many(self, minloc(one%next_zero, 1), lane, begin, error)
                return
             end if
             if (round == 0) cycle
             self%paths%x(lane, :m, self%paths%finish(0)) = one%ends(:m, 0)
             self%paths%x(lane, :m, self%paths%finish(1)) = one%ends(:m, 1)
-            do i = 1, self%sliders%n_moved(g)
-               associate (joint => self%sliders%moved(i, g))
+            do i = 1, self%sliders%n_moving(g)
+               associate (joint => self%sliders%moving(i, g))
                   self%sliders%moments(e, joint, :, g) = self%sliders%moments(e, joint, :, g) &
                                                          + one%moments(joint, :)
                end associate
             end do
          end do
       end associate
-   end subroutine redo
+   end subroutine march_again
 
-   !> See base_system. Modes go to the end of the part with the motion of the sliders (M6).
-   subroutine go_on(self)
+   !> See base_system. Adds the motion of the sliders to the modes at the end of the part (M6).
+   subroutine end_part(self)
       class(modal_form), intent(inout) :: self
       real(wp) :: added(lanes, 2)
       integer :: g
 
       do g = 1, self%n_groups
          associate (sliders => self%sliders, modes => self%modes(:, :, :, g), &
-                    works => self%works(lanes*(g - 1) + 1:lanes*g, :))
-            call push_motion(self%operators, sliders%moved(:sliders%n_moved(g), g), &
-                             sliders%moments(:, :, :, g), self%keeps_ledger, size(modes, 2), &
-                             self%taken, modes)
+                    work_done => self%work_done(lanes*(g - 1) + 1:lanes*g, :))
+            call add_slider_motion(self%operators, sliders%moving(:sliders%n_moving(g), g), &
+                                   sliders%moments(:, :, :, g), self%keeps_ledger, size(modes, 2), &
+                                   self%slider_moments, modes)
             if (.not. self%keeps_ledger) cycle
             added = 0.0_wp
-            call self%operators%ledger%add_part(g, size(modes, 2), modes, self%taken, &
+            call self%operators%ledger%add_part(g, size(modes, 2), modes, self%slider_moments, &
                                                 self%rates(:, :, :, g), added)
-            works = works + added
+            work_done = work_done + added
          end associate
       end do
       call self%paths%exchange_ends()
-   end subroutine go_on
+   end subroutine end_part
 
    !> See base_system.
-   subroutine put_state(self, displacement, velocity)
+   subroutine copy_state(self, displacement, velocity)
       class(modal_form), intent(in) :: self
       real(wp), intent(out) :: displacement(:, :)
       real(wp), intent(out) :: velocity(:, :)
-      real(wp) :: x(lanes, four*size(self%operators%shape, 3))
+      real(wp) :: x(lanes, strip*size(self%operators%shape, 3))
       integer :: first, g
 
       do g = 1, self%n_groups
@@ -325,13 +327,14 @@ contains
 
    contains
 
+      !> Finds displacements (1) or velocities (2) of all dofs from a plane of the modes.
       subroutine read_shape(which, plane)
          integer, intent(in) :: which, plane
 
-         call multiply(size(x, 2)/four, self%operators%n_rows, &
+         call multiply(size(x, 2)/strip, self%operators%n_rows, &
                        self%operators%shape(:, :, :, which), self%modes(:, :, plane, g), x)
       end subroutine read_shape
 
-   end subroutine put_state
+   end subroutine copy_state
 
 end module dynamics_exact_modal_form

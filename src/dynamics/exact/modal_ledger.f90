@@ -1,36 +1,36 @@
-!> Work of the force and of the dampers over a part of a step, in modes.
+!> Work of the forces and of the dampers over a part of a step, in modes (M9).
 !>
-!> Both are exact for the motion that the blocks make. The dampers take the integral of N(y') less
-!> what v'v grows by, N(y) = q'C^q + 2 q'q': block by block a quadratic form of the rates at the
-!> start and of what pushes. Numbers in brackets are formulas of docs/exact_march.md.
+!> Both are exact for the motion of the blocks. The dampers take the integral of N(y') minus the
+!> growth of v'v, N(y) = q'C^q + 2 q'q'. The integral is a quadratic form for each block, in p' at
+!> the start and the forces. Numbers in brackets are formulas of docs/exact_march.md.
 module dynamics_exact_modal_ledger
    use core_kinds, only: wp
    use dynamics_exact_modal_blocks, only: modal_blocks
    use dynamics_exact_modal_terms, only: groups, lanes
-   use dynamics_exact_transitions, only: fall
+   use dynamics_exact_transitions, only: integral
    use numerics_lapack, only: unit_matrix
    implicit none(type, external)
    private
    public :: modal_ledger
 
-   integer, parameter :: most_numbers = 12   !! of a block: two ports, I_0 .. I_4
+   integer, parameter :: most_items = 12   !! items of a block with two ports and I_0 .. I_4
 
-   !> Works are in J. Numbers of a block are p' at the start and S I_0 .. S I_n by ports, the rise
-   !> of the force in them as a uniform motion (M9).
+   !> Work is in J. The items of a block are p' at the start, then S I_0 .. S I_n of each port, to
+   !> which the rise of the force is added as a uniform motion (M9).
    type :: modal_ledger
       logical :: is_ready = .false.
       integer, private :: ports = 1
       real(wp), private :: scale = 0.0_wp                !! 1/h^2 [1/s^2]
-      real(wp), allocatable, private :: load(:, :)       !! (row, force) h^2 Phi' b
-      real(wp), allocatable, private :: reads(:, :)      !! (row, force) X, where a force acts
-      !> (number, force, block) integral of X - X(0)
+      real(wp), allocatable, private :: load(:, :)       !! h^2 Phi' b (row, force)
+      real(wp), allocatable, private :: outputs(:, :)    !! of X, where a force acts (row, force)
+      !> (item, force, block) factors of the integral of X - X(0)
       real(wp), allocatable, private :: area(:, :, :)
-      !> (1:2, pair) blocks, each with itself and then with those that N couples it with; (number of
-      !> the first, number of the second, pair) the form, doubled but for the diagonal of a block
-      !> with itself
+      !> (1:2, pair) pairs of blocks: each with itself and then with those that N couples it with;
+      !> (item of the first, item of the second, pair) the form, doubled except for the diagonal of
+      !> a block with itself
       integer, allocatable, private :: pair(:, :)
       real(wp), allocatable, private :: form(:, :, :)
-      !> (lane, force, group) X(0) and (.., power, group) forces of the part under way
+      !> (lane, force, group) X(0) of the present part, and (lane, force, 0:1, group) its forces
       real(wp), allocatable, private :: place(:, :, :), force(:, :, :, :)
    contains
       procedure :: prepare
@@ -40,18 +40,17 @@ module dynamics_exact_modal_ledger
 
 contains
 
-   !> Prepares the forms of all blocks, and of pairs of blocks whose poles are so near that N
-   !> couples them.
+   !> Prepares the forms of all blocks, and of the pairs of blocks that N couples.
    pure subroutine prepare(self, h, damping, load, blocks, fit)
       class(modal_ledger), intent(inout) :: self
-      real(wp), intent(in) :: h                 !! of a part [s]
+      real(wp), intent(in) :: h                 !! length of a part [s]
       real(wp), intent(in) :: damping(:, :)     !! C^ (mode, mode)
       real(wp), intent(in) :: load(:, :)        !! (mode, force) h^2 Phi' b
       type(modal_blocks), intent(in) :: blocks
       real(wp), intent(in) :: fit(0:, 0:)       !! see kernel_fit of modal_operators
-      real(wp), parameter :: negligible = 1.0e-10_wp   !! of v'v
+      real(wp), parameter :: negligible = 1.0e-10_wp   !! coupling of two blocks over v'v
       real(wp) :: metric(2*size(damping, 1), 2*size(damping, 1))
-      real(wp) :: largest(2*size(damping, 1))   ! number, of (q, q') of length 1
+      real(wp) :: largest(2*size(damping, 1))   ! state variable, for (q, q') of norm 1
       real(wp), allocatable :: area(:, :), form(:, :)
       integer :: b, c, i, n, n_modes
 
@@ -59,8 +58,8 @@ contains
       self%is_ready = .true.
       self%ports = blocks%ports
       self%scale = 1.0_wp/h**2
-      self%load = blocks%pushes(load)
-      self%reads = transpose(blocks%reads(transpose(load), .false.))
+      self%load = blocks%inputs(load)
+      self%outputs = transpose(blocks%outputs(transpose(load), .false.))
       allocate (self%place(lanes, size(load, 2), groups))
       allocate (self%force(lanes, size(load, 2), 0:1, groups))
       metric = blocks%metric(damping)
@@ -80,23 +79,24 @@ contains
             do i = 1, n
                self%form(i, i, size(self%form, 3)) = form(i, i)
             end do
-            associate (reads => self%reads(self%ports*(b - 1) + 1:self%ports*b, :))
-               self%area(:, :, b) = matmul(area(:, :self%ports), reads)
+            associate (outputs => self%outputs(self%ports*(b - 1) + 1:self%ports*b, :))
+               self%area(:, :, b) = matmul(area(:, :self%ports), outputs)
             end associate
          end do
       end do
    end subroutine prepare
 
-   !> Finds the integral of exp(A't) N exp(At) over a part for one or two blocks, by its series over
-   !> 2^-s of it, doubled: W(2t) = W(t) + exp(A't) W(t) exp(At). What moves: p'' = A p' + B f', the
-   !> derivatives of the polynomial f that has the moments; of the first block P' = p', R' = P.
+   !> Finds the form of one or two blocks: the integral W of exp(A't) N exp(At) over a part, by its
+   !> series over 2^-s of the part and s doublings W(2t) = W(t) + exp(A't) W(t) exp(At). The state
+   !> has p' of each block, p'' = A p' + B f', the derivatives of the polynomial f with the moments,
+   !> and of the first block P' = p' and R' = P.
    pure subroutine find_form(blocks, metric, chosen, fit, form, area)
       type(modal_blocks), intent(in) :: blocks
       real(wp), intent(in) :: metric(:, :)     !! N
       integer, intent(in) :: chosen(:)
       real(wp), intent(in) :: fit(0:, 0:)      !! see prepare
-      real(wp), allocatable, intent(out) :: form(:, :)   !! (number of the first, of the last block)
-      real(wp), allocatable, intent(out) :: area(:, :)   !! R (number of the first block, 1:2)
+      real(wp), allocatable, intent(out) :: form(:, :)   !! (item of the first, of the last block)
+      real(wp), allocatable, intent(out) :: area(:, :)   !! R (item of the first block, 1:2)
       integer, parameter :: n_terms = 16       !! 0.25^16/16! = 1e-23
       real(wp), allocatable, dimension(:, :) :: a, change, moments, q, term, w
       real(wp) :: t
@@ -108,7 +108,7 @@ contains
       do b = 1, size(chosen)
          associate (first => n*(b - 1))
             a(first + 1:first + 2, first + 1:first + 2) = blocks%block(:, :, chosen(b))
-            do i = first + 3 - blocks%ports, first + n - blocks%ports   ! f' pushes the last numbers
+            do i = first + 3 - blocks%ports, first + n - blocks%ports   ! f' drives the ports
                a(i, i + blocks%ports) = 1.0_wp
             end do
          end associate
@@ -150,7 +150,7 @@ contains
       area = transpose(matmul(change(m + 3:, :n), moments))
    end subroutine find_form
 
-   !> Keeps the forces of a part and the displacements at its start.
+   !> Keeps the forces of a part, and the displacements at its start where forces act.
    pure subroutine start_part(self, g, rows, force, modes)
       class(modal_ledger), intent(inout) :: self
       integer, intent(in) :: g, rows                     !! group of lanes
@@ -160,20 +160,20 @@ contains
 
       self%force(:, :, :, g) = force
       do f = 1, size(self%load, 2)
-         call multiply(size(self%load, 1), self%reads(:, f), modes, self%place(:, f, g))
+         call multiply(size(self%load, 1), self%outputs(:, f), modes, self%place(:, f, g))
       end do
    end subroutine start_part
 
-   !> Adds the works of a group over the part, but for what v'v grows by (M9): input, of all forces,
-   !> is by parts F(1) X(1) - F(0) X(0) - F' times the integral of X.
-   pure subroutine add_part(self, g, rows, modes, taken, rates, work)
+   !> Adds the work of a group of lanes over the part, without the growth of v'v (M9). Input is, by
+   !> parts, F(1) X(1) - F(0) X(0) - F' times the integral of X, summed over the forces.
+   pure subroutine add_part(self, g, rows, modes, slider_moments, rates, work)
       class(modal_ledger), intent(in) :: self
       integer, intent(in) :: g, rows
       real(wp), intent(in) :: modes(lanes, rows, *)     !! at the end
-      real(wp), intent(in) :: taken(lanes, rows, 0:*)   !! S I
+      real(wp), intent(in) :: slider_moments(lanes, rows, 0:*)   !! S I
       real(wp), intent(in) :: rates(lanes, 2, *)        !! p' at the start
       real(wp), intent(inout) :: work(lanes, 2)      !! input, viscous
-      real(wp), dimension(lanes, most_numbers) :: first, second   ! a constant extent aligns them
+      real(wp), dimension(lanes, most_items) :: first, second   ! a constant extent aligns them
       real(wp), dimension(lanes) :: added, lost, place
       real(wp), dimension(lanes, size(self%load, 2)) :: area
       integer :: b, e, f, n
@@ -184,20 +184,20 @@ contains
       do e = 1, size(self%pair, 2)
          b = self%pair(1, e)
          if (self%pair(2, e) == b) then
-            call put_numbers(b, first)
+            call find_items(b, first)
             call add_form(n, .true., self%form(:, :, e), first, first, lost)
             do f = 1, size(self%load, 2)
                call multiply(n, self%area(:, f, b), first, added)
                area(:, f) = area(:, f) + added
             end do
          else
-            call put_numbers(self%pair(2, e), second)
+            call find_items(self%pair(2, e), second)
             call add_form(n, .false., self%form(:, :, e), first, second, lost)
          end if
       end do
       work(:, 2) = work(:, 2) + self%scale*lost
       do f = 1, size(self%load, 2)
-         call multiply(size(self%load, 1), self%reads(:, f), modes, place)
+         call multiply(size(self%load, 1), self%outputs(:, f), modes, place)
          associate (before => self%force(:, f, 0, g), rise => self%force(:, f, 1, g))
             work(:, 1) = work(:, 1) + self%scale*((before + rise)*place &
                                                   - before*self%place(:, f, g) - rise*area(:, f))
@@ -206,14 +206,14 @@ contains
 
    contains
 
-      !> Gathers the numbers of a block.
-      pure subroutine put_numbers(block, numbers)
+      !> Finds the items of a block.
+      pure subroutine find_items(block, items)
          integer, intent(in) :: block
-         real(wp), intent(inout) :: numbers(lanes, n)
+         real(wp), intent(inout) :: items(lanes, n)
          real(wp) :: rise(lanes)
          integer :: column, f, k, row
 
-         numbers(:, :2) = rates(:, :, block)
+         items(:, :2) = rates(:, :, block)
          do row = self%ports*(block - 1) + 1, self%ports*block
             rise = 0.0_wp
             do f = 1, size(self%load, 2)
@@ -221,14 +221,14 @@ contains
             end do
             column = 2 + row - self%ports*(block - 1)
             do k = 0, (n - 2)/self%ports - 1
-               numbers(:, column + self%ports*k) = taken(:, row, k) + fall(1, k)*rise
+               items(:, column + self%ports*k) = slider_moments(:, row, k) + integral(1, k)*rise
             end do
          end do
-      end subroutine put_numbers
+      end subroutine find_items
 
    end subroutine add_part
 
-   !> Adds a form of the numbers of two blocks; of one with itself, its upper triangle.
+   !> Adds the form of two blocks; of one with itself, only its upper triangle counts.
    pure subroutine add_form(n, is_own, form, first, second, total)
       integer, intent(in) :: n
       logical, intent(in) :: is_own
@@ -248,16 +248,16 @@ contains
       total = total + all
    end subroutine add_form
 
-   !> Sums numbers with factors.
-   pure subroutine multiply(n, factor, number, total)
+   !> Finds the sum of items times factors.
+   pure subroutine multiply(n, factor, item, total)
       integer, intent(in) :: n
-      real(wp), intent(in) :: factor(n), number(lanes, *)
+      real(wp), intent(in) :: factor(n), item(lanes, *)
       real(wp), intent(out) :: total(lanes)
       integer :: i
 
       total = 0.0_wp
       do i = 1, n
-         total = total + factor(i)*number(:, i)
+         total = total + factor(i)*item(:, i)
       end do
    end subroutine multiply
 

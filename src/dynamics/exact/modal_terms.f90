@@ -1,5 +1,5 @@
-!> Parts of a step and terms of the formulas that the modal form needs for a tolerance: (M7), (M8)
-!> of docs/exact_march.md.
+!> Number of parts of a step (M7), and terms of the formulas (M8), that the modal form needs for a
+!> tolerance. Numbers in brackets are formulas of docs/exact_march.md.
 module dynamics_exact_modal_terms
    use core_kinds, only: two_pi, wp
    use dynamics_alignment, only: lanes => register_width
@@ -8,48 +8,48 @@ module dynamics_exact_modal_terms
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: choose_terms, count_parts, feel_joints, joint_feel, longest_in_parts, modal_terms
-   public :: factorial, groups, lanes, n_markov, path_degree
+   public :: choose_terms, count_parts, find_joint_properties, joint_properties, longest_in_parts
+   public :: factorial, groups, lanes, modal_terms, n_markov, path_degree
 
-   integer, parameter :: groups = width/lanes   !! of eight samples, side by side
-   integer, parameter :: path_degree = 6   !! of the paths of joints
+   integer, parameter :: groups = width/lanes   !! groups of eight lanes
+   integer, parameter :: path_degree = 6        !! degree of the paths of joints
    real(wp), parameter :: factorial(0:path_degree) = [1.0_wp, 1.0_wp, 2.0_wp, 6.0_wp, 24.0_wp, &
                                                       120.0_wp, 720.0_wp]
-   integer, parameter :: n_markov = 3      !! terms of the answer of a joint to a slider
-   real(wp), parameter :: safety = 30.0_wp           !! of the estimate (M7)
-   real(wp), parameter :: term_safety = 10.0_wp      !! of the estimates (M8)
-   real(wp), parameter :: slide_safety = 3.0_wp      !! of (M7) for joints that slide on
-   real(wp), parameter :: damper_safety = 3.0_wp     !! of (M7) for dampers at joints
-   real(wp), parameter :: fit_gain = 20.0_wp         !! of the kernel's fit (M5)
+   integer, parameter :: n_markov = 3                !! Y_0, Y_1, Y_2 (M5)
+   real(wp), parameter :: safety = 30.0_wp           !! factor of the error estimate (M7)
+   real(wp), parameter :: term_safety = 10.0_wp      !! factor of the error estimates (M8)
+   real(wp), parameter :: slide_safety = 3.0_wp      !! factor of sigma (M7), joints that slide on
+   real(wp), parameter :: damper_safety = 3.0_wp     !! factor of (M7) for dampers at joints
+   real(wp), parameter :: fit_gain = 20.0_wp         !! error of a cut over that of the fit (M7)
    real(wp), parameter :: quintic_error = 2.7e-6_wp  !! max t^2 (t - 1/2)^2 (t - 1)^2/6!
 
-   !> Parts and terms.
+   !> Parts of a step, and terms that are kept.
    type :: modal_terms
-      real(wp) :: h = 0.0_wp       !! of a part [s]
-      integer :: n_parts = 1       !! of a step, a power of two
-      !> last integral of a slider's motion that is formed: 2 or 5, as sums go by threes
+      real(wp) :: h = 0.0_wp       !! length of a part [s]
+      integer :: n_parts = 1       !! parts of a step, a power of two
+      !> Last integral I_n of the sliders' motion: 2 or 5, as sums go by threes
       integer :: n_moments = 5
-      !> first block whose displacement (3) and velocity (4) at half the part joints read; at 1 all
-      integer :: first_read(4) = 1
-      real(wp) :: square = 0.0_wp   !! c: fourth derivatives are -c times the second, or read (M4)
-      !> (power of a path) least power of the sliders that adds to it; beyond power - 2: none does
+      !> First block whose p (1) and p' (2) at half the part matter (M8), or one behind the last
+      integer :: first_midpoint(2) = 1
+      real(wp) :: square = 0.0_wp   !! c: x'''' is taken as -c x'' in the blocks before these (M4)
+      !> (power k of a path) lowest power of the sliders that adds to it; k - 1: none does
       integer :: first_power(3:path_degree) = 1
    end type modal_terms
 
-   !> Gains, reaches and fading of the joints of a structure (M7).
-   type :: joint_feel
-      real(wp), allocatable :: gain(:, :)   !! G (joint, mode)
-      real(wp), allocatable :: reach(:)     !! row sums of |W' M^-1 W k| (joint) [1/s^2]
-      real(wp), allocatable :: fading(:)    !! w'M^-1 C M^-1 w/(w'M^-1 w) (joint) [1/s]
-   end type joint_feel
+   !> Properties of the joints of a structure (M7).
+   type :: joint_properties
+      real(wp), allocatable :: gain(:, :)        !! G (joint, mode)
+      real(wp), allocatable :: compliance(:)     !! row sums of |W' M^-1 W| k (joint) [1/s^2]
+      real(wp), allocatable :: decay(:)          !! w'M^-1 C M^-1 w/(w'M^-1 w) (joint) [1/s]
+   end type joint_properties
 
 contains
 
-   !> Parts of a step, a power of two up to 2^30, that keep the paths of joints within the tolerance
-   !> (M7).
+   !> Number of parts of a step, a power of two up to 2^30, that keeps the error of the paths within
+   !> the tolerance (M7).
    pure integer function count_parts(structure, joints, dt, tolerance) result(n_parts)
       type(structure_type), intent(in) :: structure
-      type(joint_feel), intent(in) :: joints
+      type(joint_properties), intent(in) :: joints
       real(wp), intent(in) :: dt, tolerance
 
       n_parts = 1
@@ -59,17 +59,17 @@ contains
       end do
    end function count_parts
 
-   !> Longest step [s] up to dt that so many parts serve (M7).
+   !> Longest step up to dt that n_parts parts march within the tolerance [s] (M7).
    pure real(wp) function longest_in_parts(structure, n_parts, dt, tolerance) result(longest)
       type(structure_type), intent(in) :: structure
       integer, intent(in) :: n_parts
       real(wp), intent(in) :: dt, tolerance
       integer, parameter :: halvings = 100
-      type(joint_feel) :: joints
+      type(joint_properties) :: joints
       real(wp) :: middle, too_long
       integer :: i
 
-      call feel_joints(structure, joints)
+      call find_joint_properties(structure, joints)
       longest = dt
       if (path_error(structure, joints, dt, n_parts) <= tolerance) return
       longest = 0.0_wp
@@ -84,47 +84,47 @@ contains
       end do
    end function longest_in_parts
 
-   !> Gathers the gains of the joints, their reaches and the fading of motion along each.
-   pure subroutine feel_joints(structure, joints)
+   !> Finds gain, compliance and decay of the joints.
+   pure subroutine find_joint_properties(structure, joints)
       type(structure_type), intent(in) :: structure
-      type(joint_feel), intent(out) :: joints
+      type(joint_properties), intent(out) :: joints
       real(wp) :: pushed(structure%n_dof)   ! M^-1 w
       integer :: j
 
       joints%gain = matmul(transpose(structure%direction), structure%modes_stuck)
-      joints%reach = compliances(structure%joint_stiffness, joints%gain, &
-                                 structure%frequencies_stuck, 0)
-      allocate (joints%fading(structure%n_joints))
+      joints%compliance = compliances(structure%joint_stiffness, joints%gain, &
+                                      structure%frequencies_stuck, 0)
+      allocate (joints%decay(structure%n_joints))
       do j = 1, structure%n_joints
          pushed = matmul(structure%modes_stuck, joints%gain(j, :))
-         joints%fading(j) = dot_product(pushed, matmul(structure%damping, pushed)) &
-                            /sum(joints%gain(j, :)**2)
+         joints%decay(j) = dot_product(pushed, matmul(structure%damping, pushed)) &
+                           /sum(joints%gain(j, :)**2)
       end do
-   end subroutine feel_joints
+   end subroutine find_joint_properties
 
-   !> Velocity that errors of the paths of joints add up to where a joint slides on, in units of an
-   !> error: its spring adds kappa of it in every part, until the motion fades or over 2000 steps,
-   !> see (1) (M7).
-   pure function sliding(joints, dt, n_parts) result(sum_of_parts)
-      type(joint_feel), intent(in) :: joints
+   !> sigma (joint) of (M7): velocity to which the errors of a path add up while the joint slides
+   !> on, over one error. Its spring adds kappa of the error in every part, until the motion decays
+   !> or over the 2000 steps of (1).
+   pure function accumulation(joints, dt, n_parts) result(sigma)
+      type(joint_properties), intent(in) :: joints
       real(wp), intent(in) :: dt   !! [s]
       integer, intent(in) :: n_parts
       real(wp), parameter :: steps = 2000.0_wp
-      real(wp) :: sum_of_parts(size(joints%reach))
+      real(wp) :: sigma(size(joints%compliance))
 
-      sum_of_parts = joints%reach*(dt/n_parts)**2*slide_safety &
-                     *n_parts/max(joints%fading*dt, 1.0_wp/steps)
-   end function sliding
+      sigma = joints%compliance*(dt/n_parts)**2*slide_safety &
+              *n_parts/max(joints%decay*dt, 1.0_wp/steps)
+   end function accumulation
 
-   !> Error of the paths of joints with so many parts a step, relative to the rms displacement (M7).
+   !> Error of the paths of joints with n_parts parts a step, relative to the rms displacement (M7).
    !>
-   !> A mode of rate rho = omega h leaves the polynomial through its values by 2.7e-6 rho^6 of its
-   !> amplitude. The answers of joints to sliders, kappa = h^2 W' M^-1 W k, are cut off at
-   !> kappa^3/5040 of their velocity; the fit of their kernel gains 20, but where a joint slides on.
-   !> With a damper at the joint, gamma = c h, it is kappa (gamma^3 + 2 kappa gamma)/720.
+   !> The polynomial (M4) errs by 2.7e-6 rho^6 of the amplitude of a mode, rho = omega h. Responses
+   !> to sliders, kappa = h^2 W' M^-1 W k, are cut off at kappa^3/5040 of the velocity; the fit of
+   !> the kernel makes that 20 times less, except while a joint slides on. With a damper at the
+   !> joint, gamma = c h, they are cut off at kappa (gamma^3 + 2 kappa gamma)/720.
    pure real(wp) function path_error(structure, joints, dt, n_parts)
       type(structure_type), intent(in) :: structure
-      type(joint_feel), intent(in) :: joints
+      type(joint_properties), intent(in) :: joints
       real(wp), intent(in) :: dt   !! [s]
       integer, intent(in) :: n_parts
       real(wp), dimension(structure%n_joints) :: damper, kappa   ! gamma, kappa
@@ -133,18 +133,18 @@ contains
       path_error = 0.0_wp
       if (structure%n_joints == 0) return
       rate = two_pi*structure%frequencies_stuck*dt
-      kappa = joints%reach*(dt/n_parts)**2
-      damper = joints%fading*(dt/n_parts)
+      kappa = joints%compliance*(dt/n_parts)**2
+      damper = joints%decay*(dt/n_parts)
       path_error = safety*(maxval(shares(joints%gain, rate) &
                                   *min(rate/n_parts, quintic_error*(rate/n_parts)**6)) &
                            + maxval(kappa)**3/(fit_gain*5040.0_wp)/n_parts) &
                    + damper_safety*maxval(kappa*(damper**3 + 2.0_wp*kappa*damper)) &
                    /(fit_gain*720.0_wp)/n_parts &
-                   + maxval(kappa**3/5040.0_wp*sliding(joints, dt, n_parts))
+                   + maxval(kappa**3/5040.0_wp*accumulation(joints, dt, n_parts))
    end function path_error
 
-   !> Share of each mode in the paths of joints, at most 1; amplitudes beyond omega dt = 1 fall as
-   !> omega^-2.
+   !> Share of each mode in the paths of joints, at most 1. Amplitudes are taken to fall with
+   !> omega^-2 beyond omega dt = 1.
    pure function shares(gain, rate) result(share)
       real(wp), intent(in) :: gain(:, :), rate(:)
       real(wp) :: share(size(rate))
@@ -158,8 +158,7 @@ contains
       end do
    end function shares
 
-   !> Row sums of |G rate^power G'| k (joint) [1/s^2]: size of W' M^-1 W k, or with powers of the
-   !> stiffness in between.
+   !> Row sums of |G rate^power G'| k (joint), power = 0: those of |W' M^-1 W| k [1/s^2].
    pure function compliances(joint_stiffness, gain, rate, power) result(row_sum)
       real(wp), intent(in) :: joint_stiffness(:), gain(:, :), rate(:)
       integer, intent(in) :: power
@@ -169,28 +168,28 @@ contains
                                   transpose(gain))), joint_stiffness)
    end function compliances
 
-   !> Leaves out what the tolerance does not need (M8): the velocity at half the part, integrals of
-   !> the sliders' motion, terms of the answers.
+   !> Chooses the terms that the tolerance needs (M8): blocks that matter at half the part,
+   !> integrals of the sliders' motion, terms of the responses.
    pure subroutine choose_terms(joint_stiffness, joints, rate, damping, blocks, tolerance, terms)
       real(wp), intent(in) :: joint_stiffness(:)
-      type(joint_feel), intent(in) :: joints
+      type(joint_properties), intent(in) :: joints
       real(wp), intent(in) :: rate(:)          !! omega h (mode)
       real(wp), intent(in) :: damping(:, :)    !! C^ (mode, mode)
       type(modal_blocks), intent(in) :: blocks
       real(wp), intent(in) :: tolerance
       class(modal_terms), intent(inout) :: terms
-      real(wp), parameter :: steps = 30.0_wp   ! for which the error of a part lives on, see (1)
+      real(wp), parameter :: steps = 30.0_wp   ! steps over which errors of any sign add up
       real(wp), parameter :: negligible = 1.0e-100_wp
-      real(wp), parameter :: mean_of_most = 8.0_wp/15.0_wp   ! of t^2 (1 - t)^2
+      real(wp), parameter :: mean_of_most = 8.0_wp/15.0_wp   ! mean over maximum of t^2 (1 - t)^2
       real(wp), parameter :: cubic_error = 2.6e-3_wp, quartic_error = 7.5e-5_wp   ! (M4)
-      real(wp) :: answer(0:n_markov - 1), kernel(0:2), memory, path(4), share(size(rate))
-      real(wp) :: on   ! errors of paths add up to while a joint slides on
-      real(wp) :: least, most   ! c (M8)
-      real(wp), dimension(size(rate)) :: room, square   ! of c about |A| (block)
+      real(wp) :: response(0:n_markov - 1), kernel(0:2), memory, path(4), share(size(rate))
+      real(wp) :: on   ! sigma/(share rho) (M8)
+      real(wp) :: least, most   ! range of c (M8)
+      real(wp), dimension(size(rate)) :: slack, square   ! |c - det A| at most; det A (block)
       real(wp) :: gain(size(joints%gain, 1), blocks%ports*size(rate))
       integer :: d, k, r
 
-      gain = blocks%reads(joints%gain, .false.)
+      gain = blocks%outputs(joints%gain, .false.)
       do r = 1, size(rate)
          associate (ports => gain(:, blocks%ports*(r - 1) + 1:blocks%ports*r))
             ports(:, 1) = norm2(ports, 2)
@@ -206,47 +205,36 @@ contains
       end do
       on = 0.0_wp
       if (path(1) > 0.0_wp) &
-         on = maxval(sliding(joints, terms%h*terms%n_parts, terms%n_parts))/path(1)
+         on = maxval(accumulation(joints, terms%h*terms%n_parts, terms%n_parts))/path(1)
       associate (decay => maxval(sum(abs(damping), 1)))
-         answer = [kernel(0), kernel(0)*decay, kernel(2) + kernel(0)*decay**2]
+         response = [kernel(0), kernel(0)*decay, kernel(2) + kernel(0)*decay**2]
       end associate
       square = blocks%block(1, 1, :)*blocks%block(2, 2, :) &
                - blocks%block(1, 2, :)*blocks%block(2, 1, :)
-      room = tolerance/(max(2.0_wp*term_safety, on*mean_of_most/slide_safety)*cubic_error &
-                        *max(share*blocks%rate**2, negligible)) &
-             - abs(blocks%block(1, 1, :) + blocks%block(2, 2, :))*blocks%rate
+      slack = tolerance/(max(2.0_wp*term_safety, on*mean_of_most/slide_safety)*cubic_error &
+                         *max(share*blocks%rate**2, negligible)) &
+              - abs(blocks%block(1, 1, :) + blocks%block(2, 2, :))*blocks%rate
       least = 0.0_wp
       most = 1.0_wp
       do r = 1, size(rate)
-         least = max(least, square(r) - room(r))
-         most = min(most, square(r) + room(r))
+         least = max(least, square(r) - slack(r))
+         most = min(most, square(r) + slack(r))
          if (least > most) exit
          terms%square = 0.5_wp*(least + most)
       end do
-      terms%first_read(3) = r
-      terms%first_read(4) = first_beyond(quartic_error*share*blocks%rate**5)
+      d = findloc(max(2.0_wp*term_safety, on)*(quartic_error*share*blocks%rate**5) > tolerance, &
+                  .true., 1)
+      terms%first_midpoint = [r, merge(d, size(rate) + 1, d > 0)]
       memory = steps*terms%n_parts
       terms%n_moments = merge(2, 5, memory*kernel(2)*path(1)/720.0_wp <= 0.2_wp*tolerance)
       do k = 3, path_degree
          terms%first_power(k) = k - 1
          do d = 0, min(n_markov - 1, k - 3)
-            if (max(20.0_wp*term_safety, on)*answer(d)*path(k - 2 - d)/factorial(k) &
+            if (max(20.0_wp*term_safety, on)*response(d)*path(k - 2 - d)/factorial(k) &
                 > tolerance) &
                terms%first_power(k) = k - 2 - d
          end do
       end do
-
-   contains
-
-      !> First block whose error counts, or one behind the last.
-      pure integer function first_beyond(error)
-         real(wp), intent(in) :: error(:)   !! (block)
-
-         do first_beyond = 1, size(error)
-            if (max(2.0_wp*term_safety, on)*error(first_beyond) > tolerance) return
-         end do
-      end function first_beyond
-
    end subroutine choose_terms
 
 end module dynamics_exact_modal_terms

@@ -1,6 +1,6 @@
 !> The next power of all paths: products with C^ and K^ whose sums stay in registers.
 !>
-!> A room by itself: inlined where powers are expanded, the sums of a row do not stay in registers.
+!> The kernel is in a module of its own, because sums do not stay in registers if it is inlined.
 module dynamics_exact_powers
    use core_kinds, only: wp
    use dynamics_exact_joint_paths, only: padded_rows, width
@@ -8,44 +8,44 @@ module dynamics_exact_powers
    private
    public :: power_operator, new_power_operator, next_power
 
-   !> Coefficients of power k + 2 by powers k and k + 1 and by the forces, entries of K^, C^ and of
-   !> the load in one list. Rows go in pairs: what both multiply is loaded once, and eight sums are
-   !> under way. Places are those of joint_paths: those of powers 0 and 1 change from part to part,
-   !> see exchange_ends there.
+   !> Factors of powers k and k + 1 and of the forces in power k + 2: entries of K^, C^ and the load
+   !> in one list. Rows are taken in pairs, so that factors of both are loaded once. Places are
+   !> those of joint_paths; those of powers 0 and 1 alternate from part to part (exchange_ends).
    type :: power_operator
       integer :: n_pairs = 0
       integer :: n_multiplications = 0
       integer :: from(0:1) = 0                  !! place before the first row of power k
-      integer :: to = 0                         !! of power k + 2
-      logical :: pulls = .false.                !! k = 0: the joints' pull counts
+      integer :: to = 0                         !! place before the first row of power k + 2
+      logical :: has_pull = .false.             !! k = 0: the pull of the joints is a force
       real(wp) :: scale = 0.0_wp                !! -1/((k + 1)(k + 2))
-      !> (1:3, pair + 1) entries of the first row alone, of the second alone, of both
+      !> (1:3, pair + 1) first entries of the first row alone, of the second alone, of both
       integer, allocatable :: start(:, :)
-      integer, allocatable :: place(:, :)       !! (entry, 0:1)
-      real(wp), allocatable :: value(:, :)      !! (row, entry) of K^, of (k + 1) C^, of -h^2 M^-1 b
+      integer, allocatable :: place(:, :)       !! (entry, 0:1) what the entry multiplies
+      real(wp), allocatable :: value(:, :)      !! (row, entry) K^, (k + 1) C^ or -h^2 M^-1 b
    end type power_operator
 
 contains
 
-   !> Forms the operator of power k + 2 for paths of so many rows.
+   !> Operator of power k + 2 for paths of n_rows rows.
    pure function new_power_operator(k, degree, n_rows, springs, damping, load) result(operator)
       integer, intent(in) :: k, degree, n_rows
       real(wp), intent(in) :: springs(:, :)   !! K^ without its diagonal (dof, dof)
-      real(wp), intent(in) :: damping(:, :)   !! C^, what counts of it (dof, dof)
+      real(wp), intent(in) :: damping(:, :)   !! C^ without its negligible entries (dof, dof)
       real(wp), intent(in) :: load(:, :)      !! h^2 M^-1 b (dof, force)
       type(power_operator) :: operator
       real(wp), allocatable :: entries(:, :)   ! (row, column)
       integer, allocatable :: column(:), sharing(:)
-      integer :: first(3, 0:1), i, j, n, pair, top, turn   ! first: place before column 1 of each
+      !> first: places before powers k and k + 1, and before the force
+      integer :: first(3, 0:1), i, j, n, n_padded, pair, turn
 
       n = size(springs, 1)
-      top = padded_rows(n_rows)
+      n_padded = padded_rows(n_rows)
       operator%n_pairs = (n + 1)/2
-      operator%to = top*(k + 2)
-      operator%pulls = k == 0
+      operator%to = n_padded*(k + 2)
+      operator%has_pull = k == 0
       operator%scale = -1.0_wp/((k + 1)*(k + 2))
-      first(:, 0) = [top*k, top*(k + 1), top*(degree + 5) + size(load, 2)*k]
-      first(:, 1) = first(:, 0) + merge(top*(degree + 1), 0, [k <= 1, k == 0, .false.])
+      first(:, 0) = [n_padded*k, n_padded*(k + 1), n_padded*(degree + 5) + size(load, 2)*k]
+      first(:, 1) = first(:, 0) + merge(n_padded*(degree + 1), 0, [k <= 1, k == 0, .false.])
       operator%from = first(1, :)
       allocate (entries(2*operator%n_pairs, 2*n + size(load, 2)), source=0.0_wp)
       entries(:n, :n) = springs
@@ -74,11 +74,11 @@ contains
       end associate
    end function new_power_operator
 
-   !> Finds x_(k+2) = (f_k - K^ x_k - (k + 1) C^ x_(k+1))/((k + 1)(k + 2)) of the dofs. Where they
-   !> are odd in number, the row after the last is of no account.
+   !> Finds x_(k+2) = (f_k - K^ x_k - (k + 1) C^ x_(k+1))/((k + 1)(k + 2)) of the dofs. If their
+   !> number is odd, it also writes the row after the last, which has no meaning.
    pure subroutine next_power(operator, turn, stiffness, pull, x)
       type(power_operator), intent(in) :: operator
-      integer, intent(in) :: turn   !! 0 or 1: places of powers 0 and 1
+      integer, intent(in) :: turn   !! 0 or 1: which places powers 0 and 1 have
       real(wp), intent(in), dimension(width, *) :: stiffness, pull   !! (.., row)
       real(wp), intent(inout) :: x(width, *)                         !! (.., place)
       real(wp) :: a(width), b(width), scale
@@ -94,7 +94,7 @@ contains
                a(l) = stiffness(l, i)*x(l, from)
                b(l) = stiffness(l, i + 1)*x(l, from + 1)
             end do
-            if (operator%pulls) then
+            if (operator%has_pull) then
                do l = 1, width
                   a(l) = a(l) - pull(l, i)
                   b(l) = b(l) - pull(l, i + 1)

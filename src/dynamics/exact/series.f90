@@ -1,9 +1,10 @@
 !> Power series of the free motion of a structure with diagonal mass over one part of a step.
 !>
 !> Time t runs from 0 to 1 over the part. Displacements are x_0 + x_1 t + ... + x_P t^P with
-!> (k + 1)(k + 2) x_(k+2) = f_k - (k + 1) C^ x_(k+1) - K^ x_k, C^ = h M^-1 C, K^ = h^2 M^-1 K, the
-!> latter with the springs of all stuck joints. C^ is thinned degree by degree, as its far entries
-!> matter for the low degrees only. Numbers in brackets are the formulas of docs/exact_march.md.
+!> (k + 1)(k + 2) x_(k+2) = f_k - (k + 1) C^ x_(k+1) - K^ x_k, C^ = h M^-1 C, K^ = h^2 M^-1 K, where
+!> K has the springs of all stuck joints. The higher the power, the fewer entries of C^ are kept:
+!> those far from the diagonal affect low powers only (2). Numbers in brackets are the formulas of
+!> docs/exact_march.md.
 module dynamics_exact_series
    use core_kinds, only: two_pi, wp
    use dynamics_exact_powers, only: new_power_operator, power_operator
@@ -16,21 +17,21 @@ module dynamics_exact_series
 
    integer, parameter :: most_degree = 24
    real(wp), parameter :: longest_part = 1.0_wp   !! fastest rate times h, at most (4)
-   real(wp), parameter :: memory = 2000.0_wp      !! steps for which the error of one lives on (1)
+   real(wp), parameter :: memory = 2000.0_wp      !! N: steps until the error of a step decays (1)
 
-   !> Rows are the dofs and the links: the directions w of joints that do
-   !> not hold one dof to the ground. The path of a link is w.x.
+   !> Rows are the dofs, then the links: directions w of joints that do not hold one dof to the
+   !> ground. The path of a link is w.x.
    type :: series_type
       integer :: n_dof = 0, n_links = 0, n_rows = 0
       integer :: degree = 0
       real(wp) :: h = 0.0_wp                            !! [s]
       real(wp) :: rate = 0.0_wp                         !! fastest rate times h
-      type(power_operator), allocatable :: operators(:)   !! (0:degree - 2), C^ thinned (2)
+      type(power_operator), allocatable :: operators(:)   !! (0:degree - 2) of power k + 2
       real(wp), allocatable :: diagonal(:)              !! (row) K^_ii; 0 for a link
       type(sparse_matrix) :: links                      !! w (link, dof)
       real(wp), allocatable :: mobility(:)              !! (entry of links) w_i/m_i [1/kg]
-      integer, allocatable :: row(:)                    !! (joint) of its path
-      real(wp), allocatable :: spring(:)                !! (joint) h^2 k; over m for a dof
+      integer, allocatable :: row(:)                    !! (joint) row of its path
+      real(wp), allocatable :: spring(:)                !! (joint) h^2 k/m on a dof, h^2 k on a link
       integer, allocatable :: loaded(:)                 !! dofs with a load
       real(wp), allocatable :: load(:, :)               !! h^2 M^-1 b (dof, force) [m/N]
    contains
@@ -39,7 +40,7 @@ module dynamics_exact_series
 
 contains
 
-   !> Multiplications of one sample in one part, transitions aside.
+   !> Multiplications of one sample in one part without transitions.
    pure real(wp) function work(self)
       class(series_type), intent(in) :: self
       integer :: k
@@ -51,18 +52,18 @@ contains
       end do
    end function work
 
-   !> Prepares equal parts of a step, to a tolerance relative to the rms displacement.
+   !> Prepares the series for a step of equal parts.
    subroutine new_series(structure, dt, parts, tolerance, series)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt          !! [s]
-      integer, intent(in) :: parts        !! of a step
-      real(wp), intent(in) :: tolerance
+      integer, intent(in) :: parts        !! parts of a step
+      real(wp), intent(in) :: tolerance   !! relative to the rms displacement
       type(series_type), intent(out) :: series
-      real(wp) :: error          ! of one part, the tolerance after its memory
+      real(wp) :: error          ! of one part: e of (1)
       real(wp) :: motion, load   ! x_(k+1) over x_1 in free motion; over x_2 of a load from rest
       real(wp), allocatable :: damping(:, :), stiffness(:, :)   ! C^, K^ without joints
-      real(wp), allocatable :: share(:, :)   ! |C^_ij| relative to the motion of dof i
-      real(wp) :: stuck(structure%n_dof, structure%n_dof)
+      real(wp), allocatable :: share(:, :)   ! |C^_ij| times motion of dof j over that of dof i
+      real(wp) :: stuck(structure%n_dof, structure%n_dof)   ! K with all joints stuck [N/m]
       integer :: k
 
       series%n_dof = structure%n_dof
@@ -71,7 +72,7 @@ contains
       series%load = series%h**2*structure%load/spread(structure%lumped_mass(), 2, &
                                                       structure%n_forces)
       call form_matrices(structure, series%h, damping, stiffness)
-      call put_joints(structure, series)
+      call find_rows(structure, series)
       series%diagonal(:structure%n_dof) = [(stiffness(k, k), k=1, structure%n_dof)]
       stiffness = without_diagonal(stiffness)
       series%rate = series%h*fastest_rate(structure)
@@ -79,7 +80,7 @@ contains
       error = tolerance/(parts*memory*max(count_levels(stuck, series%loaded), 5))
       series%degree = degree_for(series%rate, error)
       allocate (series%operators(0:series%degree - 2))
-      allocate (share, source=abs(damping))   ! not by =, which would read bounds
+      allocate (share, source=abs(damping))   ! an assignment would read undefined bounds
       call weigh_by_motion(structure, stuck, dt, share)
       motion = 1.0_wp
       load = 1.0_wp
@@ -95,9 +96,9 @@ contains
       end do
    end subroutine new_series
 
-   !> A bound of |lambda| over the modes of every pattern of stuck joints [rad/s]: |lambda|^2 <= c
-   !> |lambda| + omega^2, c and omega^2 the largest eigenvalues of M^-1 C and of M^-1 K with all
-   !> joints stuck; a slipping joint only takes stiffness away.
+   !> Upper bound of |lambda| over the modes of every pattern of stuck joints [rad/s]: |lambda|^2 <=
+   !> c |lambda| + omega^2 with the largest eigenvalues c of M^-1 C and omega^2 of M^-1 K with all
+   !> joints stuck. A slipping joint only takes stiffness away.
    pure function fastest_rate(structure) result(rate)
       type(structure_type), intent(in) :: structure
       real(wp) :: rate
@@ -107,10 +108,10 @@ contains
       end associate
    end function fastest_rate
 
-   !> The lowest degree with at most such an error in one part (1).
+   !> Lowest degree P whose error in one part is not above a bound (1).
    pure function degree_for(rate, most) result(degree)
       real(wp), intent(in) :: rate   !! fastest rate times h, at most about 1
-      real(wp), intent(in) :: most   !! rate^(P + 1)/(P + 1)!
+      real(wp), intent(in) :: most   !! bound of rate^(P + 1)/(P + 1)!
       integer :: degree
       integer, parameter :: least_degree = 6
       real(wp) :: error
@@ -123,8 +124,7 @@ contains
       degree = most_degree
    end function degree_for
 
-   !> Couplings from the nearest load to the farthest dof, at least 1: at every one of them the
-   !> motion grows less while the error that travels with it does not.
+   !> Number of couplings from the nearest load to the farthest dof, at least 1: L of (1).
    pure function count_levels(stuck, loaded) result(levels)
       real(wp), intent(in) :: stuck(:, :)   !! K with all joints stuck (dof, dof)
       integer, intent(in) :: loaded(:)      !! dofs
@@ -146,20 +146,20 @@ contains
       end do
    end function count_levels
 
-   !> Multiplies entries (i, j) by the motion of dof j over that of dof i, where it is larger.
-   !> Motion fades at a dof that is stiff even against the fastest force, by the spring that moves
-   !> it over its dynamic stiffness (2).
+   !> Multiplies entries (i, j) by the motion of dof j over that of dof i, if that is above 1. A dof
+   !> moves less than the dof that drives it by the spring between them over its own dynamic
+   !> stiffness under the fastest force (2).
    pure subroutine weigh_by_motion(structure, stuck, dt, entries)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: stuck(:, :)   !! K with all joints stuck (dof, dof)
       real(wp), intent(in) :: dt            !! [s]
       real(wp), intent(inout) :: entries(:, :)
       real(wp), parameter :: least = 1.0e-30_wp
-      real(wp), parameter :: steps_of_period = 20.0_wp   ! of the fastest force, see (11)
+      real(wp), parameter :: steps_of_period = 20.0_wp   ! period of the fastest force in steps (2)
       real(wp), dimension(structure%n_dof) :: mass, motion, moved_before
       real(wp) :: stiffness(structure%n_dof)   ! dynamic, under the fastest force [N/m]
       type(sparse_matrix) :: springs
-      real(wp) :: fastest   ! of the force, squared [rad^2/s^2]
+      real(wp) :: fastest   ! omega_f^2 [rad^2/s^2]
       integer :: e, i, j
 
       springs = sparse_of(without_diagonal(stuck))
@@ -185,7 +185,7 @@ contains
       end do
    end subroutine weigh_by_motion
 
-   !> Forms C^ = h M^-1 C and K^ = h^2 M^-1 K without joints.
+   !> Forms C^ = h M^-1 C and K^ = h^2 M^-1 K, K without joints.
    pure subroutine form_matrices(structure, h, damping, stiffness)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: h   !! [s]
@@ -213,12 +213,12 @@ contains
       end do
    end function without_diagonal
 
-   !> Gives joints their rows: a joint that holds one dof to the ground watches the path of that
-   !> dof; all others need links, one for each direction.
-   pure subroutine put_joints(structure, series)
+   !> Finds the row of each joint: that of a dof for a joint that holds it to the ground, else that
+   !> of a link, one for each direction.
+   pure subroutine find_rows(structure, series)
       type(structure_type), intent(in) :: structure
       type(series_type), intent(inout) :: series
-      integer :: bearer(structure%n_joints)   ! (link) joint of the same direction
+      integer :: first_joint(structure%n_joints)   ! (link) first joint of its direction
       real(wp) :: mass(structure%n_dof)
       integer :: i, j, k
 
@@ -231,16 +231,16 @@ contains
                cycle
             end if
             do k = 1, series%n_links
-               if (all(abs(w - structure%direction(:, bearer(k))) <= 0.0_wp)) exit
+               if (all(abs(w - structure%direction(:, first_joint(k))) <= 0.0_wp)) exit
             end do
-            bearer(k) = j
+            first_joint(k) = j
             series%n_links = max(k, series%n_links)
             series%row(j) = series%n_dof + k
          end associate
       end do
       series%n_rows = series%n_dof + series%n_links
       mass = structure%lumped_mass()
-      series%links = sparse_of(transpose(structure%direction(:, bearer(:series%n_links))))
+      series%links = sparse_of(transpose(structure%direction(:, first_joint(:series%n_links))))
       series%mobility = series%links%value/mass(series%links%column)
       series%spring = series%h**2*structure%joint_stiffness
       do j = 1, structure%n_joints
@@ -248,6 +248,6 @@ contains
          if (i <= series%n_dof) series%spring(j) = series%spring(j)/mass(i)
       end do
       allocate (series%diagonal(series%n_rows), source=0.0_wp)
-   end subroutine put_joints
+   end subroutine find_rows
 
 end module dynamics_exact_series

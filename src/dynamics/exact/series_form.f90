@@ -1,148 +1,146 @@
-!> Base system of a structure with diagonal mass, by power series in its dofs.
+!> Exact march of a structure with diagonal mass by power series in its dofs.
 !>
-!> The answer to a transition is local: with the force s k (w.x(t) - w.x(tau)) on one dof, which the
-!> old regime did not have, that dof answers by a series of its own, and the dofs around it by two
-!> sums over that series. Joints for which this is not exact enough, links among them, are left to
-!> `redo`, which begins the series of the whole sample anew.
+!> After a transition at tau the new regime adds the force s k (w.x(t) - w.x(tau)) on one dof. That
+!> dof responds by a series of its own (6), the dofs around it by sums over that series (7). Joints
+!> for which this is not accurate enough, links among them, are left to `march_again`, which starts
+!> the series of the whole sample again at each transition.
 module dynamics_exact_series_form
    use core_error, only: error_type
    use core_kinds, only: wp
    use dynamics_exact_base_system, only: base_system, raise_too_many, switch_joint
-   use dynamics_exact_free_steps, only: expand_block, finish_part, follow_links
-   use dynamics_exact_guard_zeros, only: first_transition, no_crossing
-   use dynamics_exact_joint_paths, only: layer_reach, layer_side, layer_slider, local_answers, width
-   use dynamics_exact_local_answers, only: find_answers
+   use dynamics_exact_free_steps, only: expand_series, find_candidates, find_link_paths
+   use dynamics_exact_guard_zeros, only: first_transition, no_zero
+   use dynamics_exact_joint_paths, only: local_responses, regime_reach, regime_side, &
+                                         regime_slider, width
+   use dynamics_exact_local_responses, only: find_responses
    use dynamics_exact_ledger, only: ledger_type, new_ledger
    use dynamics_exact_series, only: new_series, series_type
-   use dynamics_exact_transitions, only: n_near, transition_group
+   use dynamics_exact_transitions, only: n_sums, transition_group
    use dynamics_response, only: block_state, march_work
    use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: series_form, new_series_form
 
-   !> Diagonal mass, in the dofs.
+   !> Base system by power series.
    type, extends(base_system) :: series_form
       type(series_type) :: series
       type(ledger_type) :: ledger
-      logical :: has_works = .false.                !! of the part, added by redo
+      logical :: has_work = .false.   !! True if march_again has added the work of the part
    contains
-      procedure :: begin
-      procedure :: take
-      procedure :: give
-      procedure :: run_part
-      procedure :: correct
-      procedure :: redo
-      procedure :: go_on
-      procedure :: put_state
+      procedure :: allocate_memory
+      procedure :: load_state
+      procedure :: store_state
+      procedure :: march_freely
+      procedure :: add_transition
+      procedure :: march_again
+      procedure :: end_part
+      procedure :: copy_state
       procedure :: work
    end type series_form
 
 contains
 
-   !> Prepares equal parts of a step, to a tolerance relative to the rms displacement.
+   !> Prepares the form for a step of equal parts.
    subroutine new_series_form(structure, dt, parts, tolerance, form)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt          !! [s]
-      integer, intent(in) :: parts        !! of a step
-      real(wp), intent(in) :: tolerance
+      integer, intent(in) :: parts        !! parts of a step
+      real(wp), intent(in) :: tolerance   !! relative to the rms displacement
       type(series_form), intent(out) :: form
 
       form%h = dt/parts
-      form%n_forces = structure%n_forces
-      form%n_kept = structure%n_dof
+      form%n_internal = structure%n_dof
       call new_series(structure, dt, parts, tolerance, form%series)
       form%ledger = new_ledger(form%series, structure, tolerance)
-      call find_answers(structure, form%series, tolerance, form%paths%answers)
+      call find_responses(structure, form%series, tolerance, form%paths%responses)
    end subroutine new_series_form
 
-   !> Work of a step of so many parts (11). A transition that is not answered locally begins all
-   !> series anew.
+   !> Work of a step (11). A transition that is not local starts all series again.
    pure type(march_work) function work(self, parts)
       class(series_form), intent(in) :: self
-      integer, intent(in) :: parts
-      real(wp), parameter :: local = 2500.0_wp, anew = 6000.0_wp
+      integer, intent(in) :: parts   !! parts of a step
+      real(wp), parameter :: per_local = 2500.0_wp, per_restart = 6000.0_wp
 
       work%step = parts*self%series%work()
       work%lanes = width
       work%n_parts = parts
-      associate (is_local => self%paths%answers%is_local)
-         work%share_anew = real(count(.not. is_local), wp)/max(1, size(is_local))
+      associate (is_local => self%paths%responses%is_local)
+         work%restart_share = real(count(.not. is_local), wp)/max(1, size(is_local))
       end associate
-      work%transition = (1.0_wp - work%share_anew)*local + work%share_anew*anew
+      work%transition = (1.0_wp - work%restart_share)*per_local + work%restart_share*per_restart
    end function work
 
    !> See base_system.
-   subroutine begin(self)
+   subroutine allocate_memory(self)
       class(series_form), intent(inout) :: self
 
-      call self%paths%start(self%series%degree, self%n_forces, self%series%diagonal, &
-                            self%series%row, self%series%spring)
-   end subroutine begin
+      call self%paths%initialize(self%series%degree, size(self%series%load, 2), &
+                                 self%series%diagonal, self%series%row, self%series%spring)
+   end subroutine allocate_memory
 
    !> See base_system. Velocities are in m per part here, in m/s in the block.
-   subroutine take(self, state)
+   subroutine load_state(self, state)
       class(series_form), intent(inout) :: self
       type(block_state), intent(inout) :: state
-      integer :: l, w
+      integer :: last
 
-      associate (x => self%paths%x, layer => self%paths%layer, n => self%series%n_dof)
+      associate (x => self%paths%x, layer => self%paths%layer, m => self%paths%n_samples, &
+                 n => self%series%n_dof, first => self%paths%first_sample)
+         last = first + m - 1
          x = 0.0_wp
-         do l = 1, self%paths%n_samples
-            w = self%paths%first_sample + l - 1
-            x(l, :n, layer(0)) = state%displacement(:, w)
-            x(l, :n, layer(1)) = state%velocity(:, w)*self%h
-            if (self%is_kept) x(l, :n, layer(1)) = state%kept(:, w)
-         end do
+         x(:m, :n, layer(0)) = transpose(state%displacement(:, first:last))
+         x(:m, :n, layer(1)) = transpose(state%velocity(:, first:last))*self%h
+         if (self%has_internal) x(:m, :n, layer(1)) = transpose(state%internal(:, first:last))
       end associate
-      call follow_starts(self)
-   end subroutine take
+      call find_link_starts(self)
+   end subroutine load_state
 
    !> See base_system.
-   subroutine give(self, state)
+   subroutine store_state(self, state)
       class(series_form), intent(inout) :: self
       type(block_state), intent(inout) :: state
-      integer :: l, w
+      integer :: last
 
-      associate (x => self%paths%x, layer => self%paths%layer, n => self%series%n_dof)
-         do l = 1, self%paths%n_samples
-            w = self%paths%first_sample + l - 1
-            state%displacement(:, w) = x(l, :n, layer(0))
-            state%velocity(:, w) = x(l, :n, layer(1))/self%h
-            state%kept(:, w) = x(l, :n, layer(1))
-         end do
+      associate (x => self%paths%x, layer => self%paths%layer, m => self%paths%n_samples, &
+                 n => self%series%n_dof, first => self%paths%first_sample)
+         last = first + m - 1
+         state%displacement(:, first:last) = transpose(x(:m, :n, layer(0)))
+         state%internal(:, first:last) = transpose(x(:m, :n, layer(1)))
+         state%velocity(:, first:last) = state%internal(:, first:last)/self%h
       end associate
-   end subroutine give
+   end subroutine store_state
 
    !> See base_system.
-   subroutine run_part(self)
+   subroutine march_freely(self)
       class(series_form), intent(inout) :: self
 
-      call expand_block(self%series, self%paths)
-      call finish_part(self%paths)
-   end subroutine run_part
+      call expand_series(self%series, self%paths)
+      call find_candidates(self%paths)
+   end subroutine march_freely
 
    !> See base_system.
-   subroutine correct(self, group, entry)
+   subroutine add_transition(self, group, entry)
       class(series_form), intent(inout) :: self
       type(transition_group), intent(in) :: group
       integer, intent(in) :: entry
 
       associate (x => self%paths%x, finish => self%paths%finish)
-         call add_answer(size(x, 2), self%paths%answers, group, entry, x(1, 1, finish(0)), &
-                         x(1, 1, finish(1)))
+         call add_response(size(x, 2), self%paths%responses, group, entry, x(1, 1, finish(0)), &
+                           x(1, 1, finish(1)))
       end associate
-      if (self%keeps_ledger) call self%ledger%note_answer(self%series%loaded, self%paths%answers, &
-                                                          group, entry)
-   end subroutine correct
+      if (self%keeps_ledger) &
+         call self%ledger%keep_response(self%series%loaded, self%paths%responses, group, entry)
+   end subroutine add_transition
 
-   !> Adds (7): sums of the joint's own answer, weighted for each of the dofs around it.
-   pure subroutine add_answer(top, answers, group, entry, place, velocity)
-      integer, intent(in) :: top, entry
-      type(local_answers), intent(in) :: answers
+   !> Adds the responses of the joint's own dof and of the dofs around it (7).
+   pure subroutine add_response(n_padded, responses, group, entry, place, velocity)
+      integer, intent(in) :: n_padded, entry
+      type(local_responses), intent(in) :: responses
       type(transition_group), intent(in) :: group
-      real(wp), intent(inout), dimension(width, top) :: place, velocity   !! at the end of the part
-      real(wp) :: ends(2 + 2*n_near)
+      !> (lane, row) at the end of the part
+      real(wp), intent(inout), dimension(width, n_padded) :: place, velocity
+      real(wp) :: ends(2 + 2*n_sums)
       integer :: e, i, l, row
 
       l = group%lane(entry)
@@ -150,107 +148,109 @@ contains
       ends = group%ends(entry, :)
       place(l, row) = place(l, row) + ends(1)
       velocity(l, row) = velocity(l, row) + ends(2)
-      do e = answers%first(row), answers%first(row + 1) - 1
-         i = answers%dof(e)
-         associate (weight => answers%value(:, e))
+      do e = responses%first(row), responses%first(row + 1) - 1
+         i = responses%dof(e)
+         associate (weight => responses%value(:, e))
             place(l, i) = place(l, i) + ((weight(1)*ends(3) + weight(2)*ends(5)) &
                                          + (weight(3)*ends(7) + weight(4)*ends(9)))
             velocity(l, i) = velocity(l, i) + ((weight(1)*ends(4) + weight(2)*ends(6)) &
                                                + (weight(3)*ends(8) + weight(4)*ends(10)))
          end associate
       end do
-   end subroutine add_answer
+   end subroutine add_response
 
-   !> See base_system. In each round the series of all samples begin anew where the marked ones have
-   !> come to, and those of them that have a transition on their way go on to it. After a stick the
-   !> joint stands at its limit and at rest, so that its guard is not found at zero again.
-   subroutine redo(self, begin, state, error)
+   !> See base_system. Each round finds the series of all samples from the present times of those
+   !> that are marched again, and takes each of them to its next transition, or to the end of the
+   !> part. A joint that has stuck has its reach as extension and no velocity, so that its guard's
+   !> zero is not found again.
+   subroutine march_again(self, begin, state, error)
       class(series_form), intent(inout) :: self
       real(wp), intent(in) :: begin
       type(block_state), intent(inout) :: state
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: same_instant = 4.0_wp*epsilon(1.0_wp)
-      logical :: has_stuck(width, size(self%series%row)), is_on_way(width)
+      logical :: has_stuck(width, size(self%series%row)), is_unfinished(width)
       real(wp), dimension(width) :: first, now, span   ! [parts]
-      real(wp) :: crossing(width, size(self%series%row))
+      real(wp) :: next_zero(width, size(self%series%row))
       integer :: finish(0:1), l, round
 
-      is_on_way = self%paths%is_involved
-      if (self%keeps_ledger) &   ! of the others, by the regimes at the start
-         call count_works(self, spread(1.0_wp, 1, width), (.not. is_on_way))
-      self%has_works = self%keeps_ledger
+      is_unfinished = self%paths%is_remarched
+      if (self%keeps_ledger) &   ! work of the other samples, by the regimes at the start
+         call add_work(self, spread(1.0_wp, 1, width), (.not. is_unfinished))
+      self%has_work = self%keeps_ledger
       finish = self%paths%finish
       self%paths%finish = self%paths%spare
       has_stuck = .false.
       now = 0.0_wp
       do round = 0, self%max_transitions
-         call self%run_part()
-         call find_crossings()
-         first = minval(crossing, 2)
+         call self%march_freely()
+         call find_zeros()
+         first = minval(next_zero, 2)
          span = min(first, 1.0_wp - now)
          associate (x => self%paths%x, from => self%paths%layer(0), to => self%paths%finish(0))
             call move_on(self%series%degree, size(x, 2), span, x(1, 1, from), x(1, 1, 2), &
                          x(1, 1, to))
          end associate
-         if (self%keeps_ledger) call count_works(self, span, is_on_way)
+         if (self%keeps_ledger) call add_work(self, span, is_unfinished)
          do l = 1, width
-            if (is_on_way(l)) call go_to_transition()
+            if (is_unfinished(l)) call go_to_transition()
          end do
-         if (.not. any(is_on_way)) exit
-         call follow_starts(self)
+         if (.not. any(is_unfinished)) exit
+         call find_link_starts(self)
       end do
       self%paths%finish = finish
-      if (.not. any(is_on_way)) return
-      l = findloc(is_on_way, .true., 1)
-      call raise_too_many(self, minloc(crossing(l, :), 1), l, begin, error)
+      if (.not. any(is_unfinished)) return
+      l = findloc(is_unfinished, .true., 1)
+      call raise_too_many(self, minloc(next_zero(l, :), 1), l, begin, error)
 
    contains
 
-      !> Finds the first zeros of the guards of the suspects within what is left of the part.
-      subroutine find_crossings()
+      !> Finds the first zeros of the candidates' guards within the rest of the part.
+      subroutine find_zeros()
          real(wp) :: path(0:self%series%degree)
          integer :: j, k, s
 
-         crossing = no_crossing
-         do s = 1, self%paths%n_suspects
-            l = iand(self%paths%suspect(s) - 1, width - 1) + 1
-            if (.not. is_on_way(l)) cycle
-            j = (self%paths%suspect(s) - 1)/width + 1
+         next_zero = no_zero
+         do s = 1, self%paths%n_candidates
+            l = iand(self%paths%candidate(s) - 1, width - 1) + 1
+            if (.not. is_unfinished(l)) cycle
+            j = (self%paths%candidate(s) - 1)/width + 1
             associate (regime => self%paths%regime(l, j, :), layer => self%paths%layer)
                path = [(self%paths%x(l, self%series%row(j), layer(k)), k=0, self%series%degree)]
-               if (has_stuck(l, j)) path(0:1) = [regime(layer_slider) + sign( &
-                                                 regime(layer_reach), &
-                                                 path(0) - regime(layer_slider)), 0.0_wp]
-               crossing(l, j) = first_transition(path, regime(layer_side), regime(layer_slider), &
-                                                 regime(layer_reach), 1.0_wp - now(l))
+               if (has_stuck(l, j)) path(0:1) = [regime(regime_slider) + sign( &
+                                                 regime(regime_reach), &
+                                                 path(0) - regime(regime_slider)), 0.0_wp]
+               next_zero(l, j) = first_transition(path, regime(regime_side), &
+                                                  regime(regime_slider), regime(regime_reach), &
+                                                  1.0_wp - now(l))
             end associate
          end do
-      end subroutine find_crossings
+      end subroutine find_zeros
 
-      !> Begins anew at the transition of a sample; without one it is at the end of the part.
+      !> Takes sample l to its transition, or without one to the end of the part.
       subroutine go_to_transition()
          integer :: to(0:1)
 
-         is_on_way(l) = first(l) < no_crossing
-         to = merge(self%paths%layer(0:1), finish, is_on_way(l))
+         is_unfinished(l) = first(l) < no_zero
+         to = merge(self%paths%layer(0:1), finish, is_unfinished(l))
          self%paths%x(l, :, to(0)) = self%paths%x(l, :, self%paths%finish(0))
          self%paths%x(l, :, to(1)) = self%paths%x(l, :, self%paths%finish(1))
-         if (.not. is_on_way(l)) return
+         if (.not. is_unfinished(l)) return
          now(l) = now(l) + span(l)
-         associate (force => self%paths%force(l, :, :))   ! from 1: value and rise
+         associate (force => self%paths%force(l, :, :))   ! columns 1, 2: value and rise
             force(:, 1) = force(:, 1) + span(l)*force(:, 2)
          end associate
          call switch_joints()
       end subroutine go_to_transition
 
-      !> Switches all joints of a sample that cross now, in their order.
+      !> Switches all joints of sample l whose guards are zero now, in the order of their numbers.
       subroutine switch_joints()
          integer :: j
 
-         do j = 1, size(crossing, 2)
-            has_stuck(l, j) = crossing(l, j) <= span(l) + same_instant .and. &
-                              abs(self%paths%regime(l, j, layer_side)) > 0.0_wp
-            if (crossing(l, j) > span(l) + same_instant) cycle
+         do j = 1, size(next_zero, 2)
+            has_stuck(l, j) = next_zero(l, j) <= span(l) + same_instant .and. &
+                              abs(self%paths%regime(l, j, regime_side)) > 0.0_wp
+            if (next_zero(l, j) > span(l) + same_instant) cycle
             associate (row => self%series%row(j), layer => self%paths%layer, x => self%paths%x)
                call switch_joint(self, l, j, begin + now(l), x(l, row, layer(0)), &
                                  x(l, row, layer(1)), state)
@@ -259,19 +259,19 @@ contains
          end do
       end subroutine switch_joints
 
-   end subroutine redo
+   end subroutine march_again
 
-   !> Finds the ends of all paths after a span of their own.
-   pure subroutine move_on(degree, top, span, start, x, finish)
-      integer, intent(in) :: degree, top
+   !> Finds the values of all paths after a span, one for each lane.
+   pure subroutine move_on(degree, n_padded, span, start, x, finish)
+      integer, intent(in) :: degree, n_padded
       real(wp), intent(in) :: span(width)            !! [parts]
-      real(wp), intent(in) :: start(width, top, 0:1)   !! powers 0 and 1
-      real(wp), intent(in) :: x(width, top, 2:degree)
-      real(wp), intent(inout) :: finish(width, top, 0:1)
+      real(wp), intent(in) :: start(width, n_padded, 0:1)   !! powers 0 and 1
+      real(wp), intent(in) :: x(width, n_padded, 2:degree)
+      real(wp), intent(inout) :: finish(width, n_padded, 0:1)
       real(wp), dimension(width) :: slope, value
       integer :: i, k
 
-      do i = 1, top
+      do i = 1, n_padded
          value = x(:, i, degree)
          slope = 0.0_wp
          do k = degree - 1, 2, -1
@@ -288,29 +288,29 @@ contains
    end subroutine move_on
 
    !> See base_system.
-   subroutine go_on(self)
+   subroutine end_part(self)
       class(series_form), intent(inout) :: self
 
-      if (self%keeps_ledger .and. .not. self%has_works) &
-         call count_works(self, spread(1.0_wp, 1, width), spread(.true., 1, width))
-      self%has_works = .false.
+      if (self%keeps_ledger .and. .not. self%has_work) &
+         call add_work(self, spread(1.0_wp, 1, width), spread(.true., 1, width))
+      self%has_work = .false.
       call self%paths%exchange_ends()
-      call follow_starts(self)
-   end subroutine go_on
+      call find_link_starts(self)
+   end subroutine end_part
 
-   !> Forms the starts of the links' paths.
-   subroutine follow_starts(self)
+   !> Finds displacement and velocity of the links at the start of a part.
+   subroutine find_link_starts(self)
       class(series_form), intent(inout) :: self
 
       if (self%series%n_links == 0) return
       associate (x => self%paths%x, layer => self%paths%layer)
-         call follow_links(size(x, 2), self%series, x(:, :, layer(0)))
-         call follow_links(size(x, 2), self%series, x(:, :, layer(1)))
+         call find_link_paths(size(x, 2), self%series, x(:, :, layer(0)))
+         call find_link_paths(size(x, 2), self%series, x(:, :, layer(1)))
       end associate
-   end subroutine follow_starts
+   end subroutine find_link_starts
 
    !> See base_system.
-   subroutine put_state(self, displacement, velocity)
+   subroutine copy_state(self, displacement, velocity)
       class(series_form), intent(in) :: self
       real(wp), intent(out) :: displacement(:, :)
       real(wp), intent(out) :: velocity(:, :)
@@ -319,10 +319,10 @@ contains
          displacement = x(:, :self%series%n_dof, layer(0))
          if (size(velocity) > 0) velocity = x(:, :self%series%n_dof, layer(1))/self%h
       end associate
-   end subroutine put_state
+   end subroutine copy_state
 
-   !> Adds the works of the counted lanes over spans from the start of the paths.
-   subroutine count_works(self, span, is_counted)
+   !> Adds the work of the counted lanes over spans from the start of the paths.
+   subroutine add_work(self, span, is_counted)
       class(series_form), intent(inout) :: self
       real(wp), intent(in) :: span(width)   !! [parts]
       logical, intent(in) :: is_counted(width)
@@ -330,7 +330,7 @@ contains
 
       work = 0.0_wp
       call self%ledger%add_part(self%series, self%paths, span, work)
-      where (spread(is_counted, 2, 2)) self%works = self%works + work
-   end subroutine count_works
+      where (spread(is_counted, 2, 2)) self%work_done = self%work_done + work
+   end subroutine add_work
 
 end module dynamics_exact_series_form

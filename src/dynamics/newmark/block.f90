@@ -1,8 +1,8 @@
-!> A block of samples while Newmark's scheme marches it: every sample at its own time and step size.
+!> State of a block during Newmark's march, in which every sample has its own time and step size.
 !>
-!> Time is counted in ticks of the smallest step, dt/2^max_halvings, from the beginning of the piece
-!> that is marched: where a step begins and how long it may be are then whole numbers. A sample has
-!> two slots for its motion: one holds the present, the other takes the step that is being tried.
+!> Time is counted in ticks of the smallest step, dt/2^max_halvings, from the start of the present
+!> piece of force, so that times and step sizes are whole numbers. A sample has two slots for its
+!> motion: one holds its present motion, the other that at the end of a trial step.
 module dynamics_newmark_block
    use core_kinds, only: long, two_pi, wp
    use dynamics_alignment, only: aligned_memory
@@ -12,56 +12,56 @@ module dynamics_newmark_block
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: newmark_block, newmark_try, load_block, store_block
+   public :: newmark_block, newmark_trial, load_block, store_block
 
-   !> A step that a sample tries.
-   type :: newmark_try
-      integer :: sample = 0, slot = 0, level = 0   !! h = dt/2^level
-      integer :: entry = 0                         !! of a table
-   end type newmark_try
+   !> Trial step of a sample.
+   type :: newmark_trial
+      integer :: sample = 0, slot = 0           !! slot of the present motion
+      integer :: level = 0, entry = 0           !! h = dt/2^level; entry of the map
+   end type newmark_trial
 
-   !> Arrays by rows are those of the frame, padded to whole registers.
+   !> State of all samples. Rows are those of the frame, padded to whole registers.
    type :: newmark_block
       type(newmark_frame) :: frame
       integer :: n_joints = 0, n_forces = 0, n_samples = 0
       integer :: max_halvings = 0
       real(wp) :: dt = 0.0_wp
       real(wp), allocatable :: force(:, :)        !! (0:step, force, or force and sample) [N]
-      integer, allocatable :: column(:)           !! (sample) before its first force
-      integer(long), allocatable :: tick(:)       !! (sample) now
-      integer(long), allocatable :: ticks(:)      !! (sample) of the next step
-      integer(long), allocatable :: until(:)      !! (sample) a transition is known to come by then
-      integer(long) :: smooth_ticks = 0           !! of a step of dt, at most 1/(4 omega)
-      integer(long), allocatable :: slot(:)       !! (sample) 0 or 1: that of the present motion
-      integer, allocatable :: pattern(:)          !! (sample) bit j-1: joint j is stuck; if short
+      integer, allocatable :: column(:)           !! (sample) column before its first force
+      integer(long), allocatable :: tick(:)       !! (sample) present time
+      integer(long), allocatable :: step_ticks(:)      !! (sample) length of the next step
+      integer(long), allocatable :: crossing_tick(:)   !! (sample) a joint crosses its limit before
+      integer(long) :: smooth_ticks = 0           !! longest step of predictions: dt, or 1/(4 omega)
+      integer(long), allocatable :: slot(:)       !! (sample) 0 or 1: slot of the present motion
+      integer, allocatable :: pattern(:)          !! (sample) short frames: bit j-1 is 1: j is stuck
       !> (row; a, v, x; slot; sample)
       real(wp), pointer, contiguous :: motion(:, :, :, :) => null()
-      !> (row; slider, reach, way, stiffness; sample). Reach is huge for one that slips, way 0 for
-      !> one that is stuck (or slips for ever), stiffness 0 for one that slips.
+      !> (row; slider, reach, direction, stiffness; sample). For a slipping joint reach is huge and
+      !> stiffness 0; direction is 0 for a stuck joint and for one without friction
       real(wp), pointer, contiguous :: bounds(:, :, :) => null()
-      real(wp), allocatable :: reach(:, :)        !! (joint, sample) mu N/k [m]
+      real(wp), allocatable :: reach(:, :)        !! mu N/k (joint, sample) [m]
       real(wp), allocatable :: work(:, :)         !! (input viscous, sample) [J]
-      ! room for the steps to work in, and for a transition
-      type(newmark_try), allocatable :: tries(:)
-      real(wp), allocatable :: change(:, :)    !! (try, force) in the step tried [N]
-      integer, allocatable :: list(:)          !! (joint)
-      real(wp), allocatable :: factor(:, :)    !! (joint + 1, joint)
-      real(wp), allocatable :: margin(:, :)    !! (row, 0:1) at both ends of a step
+      ! buffers
+      type(newmark_trial), allocatable :: trials(:)
+      real(wp), allocatable :: change(:, :)   !! over a trial step (trial, force) [N]
+      integer, allocatable :: list(:)               !! joints
+      real(wp), allocatable :: factor(:, :)         !! (joint + 1, joint)
+      real(wp), allocatable :: margin(:, :)         !! guards at both ends of a step (row, 0:1)
       real(wp), private :: tick_size = 0.0_wp     !! [s]
       type(aligned_memory), private :: memory
    contains
-      procedure :: foresee_passage
+      procedure :: predict_crossing
       procedure :: switch_at_nearer_end
       procedure :: add_work
       procedure, private :: switch
       procedure, private :: set_regime
-      procedure, private :: balance
+      procedure, private :: find_accelerations
       procedure, private :: force_at
    end type newmark_block
 
 contains
 
-   !> Takes the samples over from the state, for a march under this piece of force.
+   !> Copies all samples from a state, for a march under a piece of force.
    subroutine load_block(frame, dt, max_halvings, force, state, block)
       type(newmark_frame), intent(in) :: frame
       real(wp), intent(in) :: dt
@@ -90,16 +90,17 @@ contains
       block%column = [(min(block%n_forces*(w - 1), size(force, 2) - block%n_forces), &
                        w=1, samples)]
       block%reach = state%slip_limit/spread(frame%structure%joint_stiffness, 2, samples)
-      allocate (block%tick(samples), block%until(samples), block%slot(samples), source=0_long)
-      allocate (block%ticks(samples), source=shiftl(1_long, max_halvings))
+      allocate (block%tick(samples), block%crossing_tick(samples), block%slot(samples), &
+                source=0_long)
+      allocate (block%step_ticks(samples), source=shiftl(1_long, max_halvings))
       allocate (block%pattern(samples), block%list(m + 1), source=0)
-      allocate (block%tries(samples))
+      allocate (block%trials(samples))
       allocate (block%work(2, samples), block%change(samples, block%n_forces), &
                 block%factor(m + 1, m), block%margin(rows, 0:1), source=0.0_wp)
-      call block%memory%start(10_long*rows*samples)
-      call block%memory%take([rows, 3, 2*samples], planes)
+      call block%memory%reserve(10_long*rows*samples)
+      call block%memory%assign_planes([rows, 3, 2*samples], planes)
       block%motion(1:rows, 1:3, 0:1, 1:samples) => planes
-      call block%memory%take([rows, 4, samples], block%bounds)
+      call block%memory%assign_planes([rows, 4, samples], block%bounds)
       block%bounds(:, 2, :) = huge(1.0_wp)
       do w = 1, samples
          call frame%rows%multiply(state%velocity(:, w), block%motion(:frame%n_rows, 2, 0, w))
@@ -107,11 +108,11 @@ contains
          do j = 1, m
             call block%set_regime(j, w, state%direction(j, w), state%slider(j, w))
          end do
-         call block%balance(state, w)
+         call block%find_accelerations(state, w)
       end do
    end subroutine load_block
 
-   !> Gives the samples back, all at the end of the piece, with the slips under way counted.
+   !> Copies all samples to the state at the end of the piece, and counts their present slips.
    subroutine store_block(block, state)
       type(newmark_block), intent(in) :: block
       type(block_state), intent(inout) :: state
@@ -136,41 +137,41 @@ contains
       state%work_viscous = state%work_viscous + block%work(2, :)
    end subroutine store_block
 
-   !> Finds the tick by which a joint of sample w passes its limit, after a try that ended beyond.
-   !> Tries that end there or later would fail, so they are not made. The tick is found from mean
-   !> accelerations between that at the begin of the try and that of the whole try, and put a tick
-   !> and 2 omega h/15 of the time later. After a try of omega h > 1/4 it is the end of the try.
-   subroutine foresee_passage(self, w)
+   !> Predicts the tick by which a joint of sample w crosses its limit, after a trial that ended
+   !> beyond it: trials that end there or later would fail and are not made. The mean acceleration
+   !> until the crossing is taken between that at the start and that of the whole trial; the tick is
+   !> then put one tick and 2 omega h/15 of the time later. For omega h > 1/4 it is the trial's end.
+   subroutine predict_crossing(self, w)
       class(newmark_block), intent(inout) :: self
       integer, intent(in) :: w
-      integer(long), parameter :: few = 8   ! halving finds the rest for less
-      real(wp) :: reserve, ticks
+      integer(long), parameter :: few = 8   ! so few ticks are cheaper to halve
+      real(wp) :: reserve, step_ticks
       integer(long) :: new, old
       integer :: i
 
-      self%until(w) = self%tick(w) + self%ticks(w)
-      if (self%ticks(w) <= few .or. self%ticks(w) > self%smooth_ticks) return
+      self%crossing_tick(w) = self%tick(w) + self%step_ticks(w)
+      if (self%step_ticks(w) <= few .or. self%step_ticks(w) > self%smooth_ticks) return
       old = self%slot(w)
       new = 1 - old
       call find_margins(size(self%bounds, 1), self%bounds(:, :, w), self%motion(:, :, :, w), &
                         self%margin)
-      ticks = self%ticks(w)
-      reserve = ticks/(30.0_wp*self%smooth_ticks)
-      do i = 1, self%frame%n_rows   ! that of no joint never passes
+      step_ticks = self%step_ticks(w)
+      reserve = step_ticks/(30.0_wp*self%smooth_ticks)
+      do i = 1, self%frame%n_rows   ! rows without a joint never cross
          if (.not. self%margin(i, new) < 0.0_wp) cycle
-         ticks = min(ticks, 1.0_wp + (1.0_wp + reserve)*latest_passage(i)/self%tick_size)
+         step_ticks = min(step_ticks, 1.0_wp + (1.0_wp + reserve)*latest_crossing(i)/self%tick_size)
       end do
-      self%until(w) = self%tick(w) + max(1_long, ceiling(ticks, long))
+      self%crossing_tick(w) = self%tick(w) + max(1_long, ceiling(step_ticks, long))
 
    contains
 
-      !> Time [s] from the begin of the step by which the joint of row i has passed its limit at the
-      !> latest if its mean acceleration is between that at the begin and that of the whole step.
-      pure real(wp) function latest_passage(i) result(time)
+      !> Latest time after the start of the step at which the joint of row i crosses its limit, if
+      !> its mean acceleration is between that at the start and that of the whole step [s].
+      pure real(wp) function latest_crossing(i) result(time)
          integer, intent(in) :: i
          real(wp) :: acceleration, gap, root, side, speed
 
-         time = self%ticks(w)*self%tick_size
+         time = self%step_ticks(w)*self%tick_size
          if (self%bounds(i, 4, w) > 0.0_wp) then
             side = sign(1.0_wp, self%motion(i, 3, new, w) - self%bounds(i, 1, w))
             gap = self%bounds(i, 2, w) - side*(self%motion(i, 3, old, w) - self%bounds(i, 1, w))
@@ -187,74 +188,73 @@ contains
                                0.5_wp*side*sum(self%motion(i, 1, :, w)))
             if (acceleration < 0.0_wp) time = -self%margin(i, old)/acceleration
          end if
-      end function latest_passage
+      end function latest_crossing
 
-   end subroutine foresee_passage
+   end subroutine predict_crossing
 
-   !> Puts a transition at the nearer end of a smallest step of sample w that has passed a joint's
-   !> limit, the earliest deciding. The begin is nearer if less was missing there than is too much
-   !> at the end (linear interpolation).
+   !> Makes the transitions of a smallest step of sample w in which joints cross their limits, at
+   !> the end of the step that is nearer to the first crossing. The start is nearer if the margin
+   !> there is smaller than the excess at the end (linear interpolation).
    subroutine switch_at_nearer_end(self, state, w)
       class(newmark_block), intent(inout) :: self
       type(block_state), intent(inout) :: state
       integer, intent(in) :: w
-      integer :: i, j, k, n_passed
+      integer :: i, j, k, n_crossed
       integer(long) :: new, nearer, old
 
       old = self%slot(w)
       new = 1 - old
       call find_margins(size(self%bounds, 1), self%bounds(:, :, w), self%motion(:, :, :, w), &
                         self%margin)
-      n_passed = 0
+      n_crossed = 0
       nearer = new
       do j = 1, self%n_joints
          i = self%frame%row(j)
          if (.not. self%margin(i, new) < 0.0_wp) cycle
-         n_passed = n_passed + 1
-         self%list(n_passed) = j
-         if (is_nearer(i) .and. moves_on(i, old)) nearer = old
+         n_crossed = n_crossed + 1
+         self%list(n_crossed) = j
+         if (is_nearer(i) .and. may_switch(i, old)) nearer = old
       end do
       if (nearer == new) then
          if (state%keeps_ledger) call self%add_work([w], spread(0_long, 1, self%n_samples))
          self%tick(w) = self%tick(w) + 1
          self%slot(w) = new
       end if
-      do k = 1, n_passed
+      do k = 1, n_crossed
          j = self%list(k)
          i = self%frame%row(j)
          if (nearer == old .and. .not. is_nearer(i)) cycle
-         if (.not. moves_on(i, nearer)) cycle
+         if (.not. may_switch(i, nearer)) cycle
          call self%switch(state, j, w, &
                           merge(1, -1, self%motion(i, 3, new, w) > self%bounds(i, 1, w)))
       end do
-      self%until(w) = 0
-      self%ticks(w) = shiftl(1_long, min(trailz(self%tick(w)), self%max_halvings))
+      self%crossing_tick(w) = 0
+      self%step_ticks(w) = shiftl(1_long, min(trailz(self%tick(w)), self%max_halvings))
 
    contains
 
-      !> True if the joint of row i was nearer to its limit at the begin than it is beyond it at the
-      !> end.
+      !> True if the joint of row i is nearer to its limit at the start than at the end.
       pure logical function is_nearer(i)
          integer, intent(in) :: i
 
          is_nearer = self%margin(i, old) < -self%margin(i, new)
       end function is_nearer
 
-      !> True if the joint of row i, beyond its limit at the end, may change its regime at this end
-      !> of the step: a slipping one always, a stuck one if it moves outward there.
-      pure logical function moves_on(i, slot)
+      !> True if the joint of row i, beyond its limit at the end, may switch at an end of the step:
+      !> a slipping one always, a stuck one if it moves outwards there.
+      pure logical function may_switch(i, slot)
          integer, intent(in) :: i
          integer(long), intent(in) :: slot
 
-         moves_on = .not. self%bounds(i, 4, w) > 0.0_wp
-         if (.not. moves_on) moves_on = &
+         may_switch = .not. self%bounds(i, 4, w) > 0.0_wp
+         if (.not. may_switch) may_switch = &
             self%motion(i, 2, slot, w)*(self%motion(i, 3, new, w) - self%bounds(i, 1, w)) > 0.0_wp
-      end function moves_on
+      end function may_switch
 
    end subroutine switch_at_nearer_end
 
-   !> Finds how far joints are from their limits: a stuck one by the extension that its spring may
-   !> still gain [m], a slipping one by its velocity [m/s] (guards of dynamics_joint).
+   !> Finds the guards of all joints at both ends of a step: the extension left to a stuck joint
+   !> [m], the velocity of a slipping one [m/s] (dynamics_joint).
    pure subroutine find_margins(rows, bounds, motion, margin)
       integer, intent(in) :: rows
       real(wp), intent(in) :: bounds(rows, 4), motion(rows, 3, 0:1)
@@ -270,14 +270,14 @@ contains
       end do
    end subroutine find_margins
 
-   !> Changes the regime of joint j. One that starts to slip in a direction carries mu N instead of
-   !> what its spring had come to. One that sticks stands still, which relieves the dampers, and its
-   !> spring carries no more than mu N.
+   !> Switches joint j. One that starts to slip carries mu N instead of its spring's force. One that
+   !> sticks loses its velocity, which reduces the dampers' forces, and its spring carries at most
+   !> mu N.
    subroutine switch(self, state, j, w, outwards)
       class(newmark_block), intent(inout) :: self
       type(block_state), intent(inout) :: state
       integer, intent(in) :: j, w
-      integer, intent(in) :: outwards   !! +1 or -1: direction in which it would slip
+      integer, intent(in) :: outwards   !! direction of a slip that starts, +1 or -1
       real(wp) :: place, slider, speed
       integer :: direction
 
@@ -287,12 +287,12 @@ contains
                  bounds => self%bounds(self%frame%row(j), :, w), reach => self%reach(j, w))
          place = motion(self%frame%row(j), 3)
          if (direction /= 0) then
-            motion(:, 1) = motion(:, 1) - self%frame%kick(:, j) &
+            motion(:, 1) = motion(:, 1) - self%frame%slip_gain(:, j) &
                            *(bounds(4)*(direction*reach - (place - bounds(1))))
          else
             speed = motion(self%frame%row(j), 2)
-            motion(:, 1) = motion(:, 1) + self%frame%relief(:, j)*speed
-            motion(:, 2) = motion(:, 2) - self%frame%lost(:, j)*speed
+            motion(:, 1) = motion(:, 1) + self%frame%damping_gain(:, j)*speed
+            motion(:, 2) = motion(:, 2) - self%frame%velocity_loss(:, j)*speed
             slider = slider_at(place, state%direction(j, w), reach)
             do while (abs(place - slider) > reach)   ! by rounding
                slider = nearest(slider, place - slider)
@@ -304,8 +304,8 @@ contains
                             direction)
    end subroutine switch
 
-   !> Sets bounds and pattern of a joint that slips in a direction, or is stuck (0).
-   !> One that carries nothing (mu N = 0) slips for ever.
+   !> Sets bounds and pattern of a joint that slips in a direction, or is stuck (0). One without
+   !> friction always slips.
    pure subroutine set_regime(self, j, w, direction, slider)
       class(newmark_block), intent(inout) :: self
       integer, intent(in) :: j, w, direction
@@ -323,8 +323,8 @@ contains
          merge(ibset(self%pattern(w), j - 1), ibclr(self%pattern(w), j - 1), direction == 0)
    end subroutine set_regime
 
-   !> Finds the accelerations from the equation of motion.
-   pure subroutine balance(self, state, w)
+   !> Finds the accelerations of sample w from the equation of motion.
+   pure subroutine find_accelerations(self, state, w)
       class(newmark_block), intent(inout) :: self
       type(block_state), intent(in) :: state
       integer, intent(in) :: w
@@ -346,36 +346,37 @@ contains
          end do
          call frame%rows%multiply(matmul(frame%inverse_mass, force), motion(:frame%n_rows, 1))
       end associate
-   end subroutine balance
+   end subroutine find_accelerations
 
-   !> Adds the work of the steps that the listed samples have tried, where they stand: of the
-   !> forces and the dampers. With average acceleration the mean force over the way, the dampers at
-   !> the mean velocity and the joints make the change of the stored energy, to rounding.
-   pure subroutine add_work(self, sample, has_passed)
+   !> Adds the work of the forces and the dampers over those trial steps of the listed samples that
+   !> are accepted. With average acceleration, mean force times displacement, less the dampers' work
+   !> at the mean velocity and that of the joints, is the change of the stored energy to rounding.
+   pure subroutine add_work(self, sample, has_crossed)
       class(newmark_block), intent(inout) :: self
-      integer, intent(in) :: sample(:)                !! their numbers
-      integer(long), intent(in) :: has_passed(:)      !! (all samples) 1: the step does not stand
-      real(wp) :: way(self%frame%n_dof)
+      integer, intent(in) :: sample(:)                !! numbers of samples
+      integer(long), intent(in) :: has_crossed(:)     !! (all samples) 1: the trial is not accepted
+      real(wp) :: dx(self%frame%n_dof)
       integer :: k, w
 
       associate (structure => self%frame%structure, n => self%frame%n_dof)
          do k = 1, size(sample)
             w = sample(k)
-            if (has_passed(w) == 1) cycle
-            way = self%motion(:n, 3, 1 - self%slot(w), w) - self%motion(:n, 3, self%slot(w), w)
-            self%work(1, w) = self%work(1, w) + dot_product( &
-                              matmul(structure%load, self%force_at(w, 0.5_wp*self%ticks(w))), way)
-            self%work(2, w) = self%work(2, w) + dot_product(way, matmul(structure%damping, way)) &
-                              /(self%ticks(w)*self%tick_size)
+            if (has_crossed(w) == 1) cycle
+            dx = self%motion(:n, 3, 1 - self%slot(w), w) - self%motion(:n, 3, self%slot(w), w)
+            self%work(1, w) = self%work(1, w) &
+                              + dot_product(matmul(structure%load, &
+                                                   self%force_at(w, 0.5_wp*self%step_ticks(w))), dx)
+            self%work(2, w) = self%work(2, w) + dot_product(dx, matmul(structure%damping, dx)) &
+                              /(self%step_ticks(w)*self%tick_size)
          end do
       end associate
    end subroutine add_work
 
-   !> The forces on sample w (force) so many ticks from now, linear within a step.
+   !> Forces on sample w (force) some ticks from now [N], linear within a step.
    pure function force_at(self, w, ahead) result(force)
       class(newmark_block), intent(in) :: self
       integer, intent(in) :: w
-      real(wp), intent(in) :: ahead
+      real(wp), intent(in) :: ahead   !! ticks from now
       real(wp) :: force(self%frame%structure%n_forces)
       integer :: step
       real(wp) :: share

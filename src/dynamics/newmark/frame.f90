@@ -1,5 +1,5 @@
-!> Rows in which Newmark's scheme marches a structure, and what changes in them where a joint
-!> changes its regime.
+!> Rows of Newmark's march: the dofs and paths of the joints, and what changes in them when a joint
+!> switches between stick and slip.
 module dynamics_newmark_frame
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -11,33 +11,34 @@ module dynamics_newmark_frame
    private
    public :: newmark_frame, new_newmark_frame
 
-   !> One structure by rows: the dofs, then the paths w_j.x of all joints but those that are the
-   !> first to hold a dof to the ground, whose paths are those of their dofs.
+   !> Rows Z x of a structure: the dofs, then the paths w_j.x of the joints. The first joint that
+   !> holds a dof to the ground has no row of its own: its path is that of the dof.
    type :: newmark_frame
       type(structure_type) :: structure
       integer :: n_dof = 0
-      integer :: n_rows = 0                        !! that are used
-      integer :: n_padded = 0                      !! whole registers
-      logical :: is_short = .false.                !! rows fill one register at most
-      integer, allocatable :: row(:)               !! (joint) of its path
-      type(sparse_matrix) :: rows                  !! Z (row, dof), the rows from the dofs
-      real(wp), allocatable :: inverse_mass(:, :)  !! M^-1 (dof, dof)
-      real(wp), allocatable :: kick(:, :)          !! Z M^-1 W: acceleration by a unit of force
-      !> Z M^-1 W/(w'M^-1 w) (row, joint): velocity lost for a unit of w.v where the joint sticks
-      real(wp), allocatable :: lost(:, :)
-      real(wp), allocatable :: relief(:, :)        !! Z M^-1 C M^-1 W/(w'M^-1 w): acceleration then
+      integer :: n_rows = 0
+      integer :: n_padded = 0                        !! n_rows, padded to whole registers
+      logical :: is_short = .false.                  !! True if rows fill one register at most
+      integer, allocatable :: row(:)                 !! (joint) row of its path
+      type(sparse_matrix) :: rows                    !! Z (row, dof)
+      real(wp), allocatable :: inverse_mass(:, :)    !! M^-1 (dof, dof)
+      !> (row, joint) change of acceleration by a unit of joint force: Z M^-1 W
+      real(wp), allocatable :: slip_gain(:, :)
+      !> (row, joint) changes when a joint of unit velocity w.v sticks: velocity lost, Z M^-1 W/
+      !> (w'M^-1 w); acceleration gained from the dampers, Z M^-1 C M^-1 W/(w'M^-1 w)
+      real(wp), allocatable :: velocity_loss(:, :), damping_gain(:, :)
    contains
       procedure :: rows_of
    end type newmark_frame
 
 contains
 
-   !> Prepares what Newmark's scheme needs of a structure; fails where M cannot be inverted.
+   !> Prepares the frame of a structure; fails if M cannot be inverted.
    subroutine new_newmark_frame(structure, frame, error)
       type(structure_type), intent(in) :: structure
       type(newmark_frame), intent(out) :: frame
       type(error_type), allocatable, intent(out) :: error
-      real(wp) :: lost(structure%n_dof, structure%n_joints)
+      real(wp) :: velocity_loss(structure%n_dof, structure%n_joints)
       real(wp) :: rows(structure%n_dof + structure%n_joints, structure%n_dof)
       integer :: j, n
 
@@ -63,16 +64,17 @@ contains
 
       call invert_matrix(structure%mass, frame%inverse_mass, error)
       if (allocated(error)) return
-      lost = matmul(frame%inverse_mass, structure%direction)
-      frame%kick = frame%rows_of(lost)
+      velocity_loss = matmul(frame%inverse_mass, structure%direction)
+      frame%slip_gain = frame%rows_of(velocity_loss)
       do j = 1, structure%n_joints
-         lost(:, j) = lost(:, j)/frame%kick(frame%row(j), j)
+         velocity_loss(:, j) = velocity_loss(:, j)/frame%slip_gain(frame%row(j), j)
       end do
-      frame%lost = frame%rows_of(lost)
-      frame%relief = frame%rows_of(matmul(frame%inverse_mass, matmul(structure%damping, lost)))
+      frame%velocity_loss = frame%rows_of(velocity_loss)
+      frame%damping_gain = frame%rows_of(matmul(frame%inverse_mass, &
+                                                matmul(structure%damping, velocity_loss)))
    end subroutine new_newmark_frame
 
-   !> Z x of every column.
+   !> Z x (row, column).
    pure function rows_of(self, x) result(y)
       class(newmark_frame), intent(in) :: self
       real(wp), intent(in), contiguous :: x(:, :)   !! (dof, column)

@@ -1,8 +1,9 @@
-!> The paper's march (Sec. 3): Newmark's scheme, a step halved where it ends past a transition.
+!> The paper's march (Sec. 3): Newmark's scheme, in which a step that ends past a transition is
+!> halved.
 !>
 !> Halving ends at dt/2^max_halvings, and the transition is put at the nearer end of that smallest
-!> step. From there the steps are as long as the halvings of dt allow, to the end of dt. Samples
-!> march each at its own time, so that the processor always has several at hand.
+!> step. From there steps are as long as the halvings of dt allow. Each sample has its own time, so
+!> that every round of trial steps works on many samples.
 module dynamics_newmark_march
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long, two_pi, wp
@@ -16,9 +17,9 @@ module dynamics_newmark_march
    private
    public :: check_newmark, longest_step, most_halvings, newmark_marcher, new_newmark
 
-   integer, parameter :: most_halvings = 30   !! time is a number of smallest steps, in 64 bits
+   integer, parameter :: most_halvings = 30   !! so that ticks fit into 64 bits
 
-   !> The march by Newmark's scheme, prepared for one structure and step.
+   !> March by Newmark's scheme, prepared for one structure and time step.
    type, extends(marcher_type) :: newmark_marcher
       type(newmark_steps), private :: steps
    contains
@@ -27,8 +28,7 @@ module dynamics_newmark_march
 
 contains
 
-   !> Prepares Newmark's scheme for one structure, average acceleration with beta = 1/4 and gamma =
-   !> 1/2.
+   !> Prepares Newmark's scheme for one structure; average acceleration is beta = 1/4, gamma = 1/2.
    subroutine new_newmark(structure, dt, max_halvings, beta, gamma, marcher, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt                 !! [s]
@@ -48,9 +48,9 @@ contains
       if (.not. allocated(error)) marcher%work = marcher%steps%work()
    end subroutine new_newmark
 
-   !> Longest stable step of the scheme [s]: any if 2 beta >= gamma >= 1/2; below, no mode grows,
-   !> whatever its damping, if omega dt <= 1/sqrt(gamma/2 - beta) for the fastest, with all joints
-   !> stuck (Newmark's linear stability bound).
+   !> Longest stable step of the scheme [s]: any step if 2 beta >= gamma >= 1/2, else 1/(omega
+   !> sqrt(gamma/2 - beta)) with the fastest omega, all joints stuck (Newmark's bound for linear
+   !> structures, at any damping).
    pure real(wp) function longest_step(structure, beta, gamma)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: beta, gamma
@@ -60,7 +60,7 @@ contains
          1.0_wp/(sqrt(gamma/2 - beta)*two_pi*maxval(structure%frequencies_stuck))
    end function longest_step
 
-   !> Refuses what cannot be marched.
+   !> Refuses parameters that the scheme cannot march with.
    pure subroutine check_newmark(structure, dt, max_halvings, beta, gamma, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt, beta, gamma
@@ -74,7 +74,7 @@ contains
                     ': must be 0 to '//to_text(most_halvings))
       else if (.not. gamma >= 0.5_wp) then
          call raise(error, exit_bad_input, 'integration%gamma = '//to_text(gamma)// &
-                    ': must be 0.5 or more, the scheme is unstable below')
+                    ': must be 0.5 or rest, the scheme is unstable below')
       else if (.not. beta >= 0.0_wp) then
          call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)// &
                     ': must not be negative')
@@ -94,10 +94,10 @@ contains
       real(wp), intent(out) :: displacement(:, :, :)
       real(wp), intent(out), optional :: velocity(:, :, :)
       type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: steps_apart = 64   ! samples meet again after so many: data stay near
+      integer, parameter :: steps_together = 64   ! most steps between samples, to share cached data
       type(newmark_block) :: block
-      integer(long) :: next_tick(state%n_samples)   ! of the next record; -1: none
-      integer(long) :: ticks_apart                  ! records
+      integer(long) :: next_tick(state%n_samples)   ! time of the next record; -1: none
+      integer(long) :: record_ticks                 ! time between records
       integer :: n_records(state%n_samples), n_steps, step
 
       n_steps = ubound(force, 1)
@@ -105,22 +105,22 @@ contains
       call load_block(self%steps%frame, self%dt, self%steps%max_halvings, force, state, block)
       n_records = 0
       next_tick = -1
-      ticks_apart = shiftl(int(every, long), block%max_halvings)
-      ! steps are counted from the start of the march, ticks from now
+      record_ticks = shiftl(int(every, long), block%max_halvings)
+      ! state%step counts from the start of the march, ticks from the start of this piece
       if (size(displacement) > 0) &
-         next_tick = ticks_apart - shiftl(modulo(state%step, int(every, long)), block%max_halvings)
-      do step = 0, n_steps - 1, steps_apart
-         call march_to(min(step + steps_apart, n_steps))
+         next_tick = record_ticks - shiftl(modulo(state%step, int(every, long)), block%max_halvings)
+      do step = 0, n_steps - 1, steps_together
+         call march_to(min(step + steps_together, n_steps))
       end do
       call store_block(block, state)
 
    contains
 
-      !> Marches every sample to the end of a step of the force, in rounds of one trial each.
+      !> Marches all samples to the end of a step, in rounds of one trial step of each.
       subroutine march_to(step)
          integer, intent(in) :: step
          integer, dimension(block%n_samples + 1) :: sample, due, failed, switching
-         integer(long), dimension(block%n_samples) :: has_passed, is_left, is_due, is_switching
+         integer(long), dimension(block%n_samples) :: has_crossed, is_active, is_due, is_switching
          integer(long) :: last
          integer :: k, n_active, n_due, n_failed, n_switching, w
 
@@ -128,15 +128,15 @@ contains
          sample = [(w, w=1, block%n_samples + 1)]
          n_active = block%n_samples
          do while (n_active > 0)
-            has_passed = 0
-            call self%steps%try(sample(:n_active), block, has_passed)
-            if (state%keeps_ledger) call block%add_work(sample(:n_active), has_passed)
-            call list_marked(has_passed, failed, n_failed)
+            has_crossed = 0
+            call self%steps%try_steps(sample(:n_active), block, has_crossed)
+            if (state%keeps_ledger) call block%add_work(sample(:n_active), has_crossed)
+            call list_marked(has_crossed, failed, n_failed)
             do k = 1, n_failed
-               call block%foresee_passage(failed(k))
+               call block%predict_crossing(failed(k))
             end do
-            call settle(block, last, has_passed, next_tick, is_left, is_due, is_switching)
-            call list_marked(is_left, sample, n_active)
+            call finish_trials(block, last, has_crossed, next_tick, is_active, is_due, is_switching)
+            call list_marked(is_active, sample, n_active)
             call list_marked(is_due, due, n_due)
             call list_marked(is_switching, switching, n_switching)
             do k = 1, n_switching
@@ -151,12 +151,12 @@ contains
          end do
       end subroutine march_to
 
-      !> Takes down sample w.
+      !> Records the present motion of sample w.
       subroutine record(w)
          integer, intent(in) :: w
 
          n_records(w) = n_records(w) + 1
-         next_tick(w) = next_tick(w) + ticks_apart
+         next_tick(w) = next_tick(w) + record_ticks
          associate (motion => block%motion(:block%frame%n_dof, :, block%slot(w), w))
             displacement(n_records(w), :, w) = motion(:, 3)
             if (present(velocity)) velocity(n_records(w), :, w) = motion(:, 2)
@@ -165,31 +165,32 @@ contains
 
    end subroutine advance
 
-   !> Ends the trials of all samples that have not yet come to the last tick: a step without
-   !> transition stands, another is halved, and halved again without a trial while it ends where a
-   !> transition is known to come. Marked are those that must switch at the smallest step, those
-   !> that have come to their next record, and the others that have not come to the last tick.
-   !> Without branches, for nobody can guess which it will be.
-   pure subroutine settle(block, last, has_passed, next_tick, is_left, is_due, is_switching)
+   !> Accepts or refuses the trials of all samples before the last tick, and finds their next steps.
+   !> A refused step is halved, and halved again while it ends at or past a predicted crossing.
+   !> Marks the samples that switch now (refused at the smallest step), those whose record is due,
+   !> and those that march on without a switch. Without branches, which could not be predicted.
+   pure subroutine finish_trials(block, last, has_crossed, next_tick, is_active, is_due, &
+                                 is_switching)
       type(newmark_block), intent(inout) :: block
       integer(long), intent(in) :: last
-      integer(long), dimension(block%n_samples), intent(in) :: has_passed, next_tick
-      integer(long), dimension(block%n_samples), intent(out) :: is_left, is_due, is_switching
+      integer(long), dimension(block%n_samples), intent(in) :: has_crossed, next_tick
+      integer(long), dimension(block%n_samples), intent(out) :: is_active, is_due, is_switching
       integer(long) :: whole   ! ticks of a step of dt
       integer :: w
 
       whole = shiftl(1_long, block%max_halvings)
-      associate (tick => block%tick, ticks => block%ticks, until => block%until, slot => block%slot)
+      associate (tick => block%tick, ticks => block%step_ticks, slot => block%slot, &
+                 crossing => block%crossing_tick)
          !$omp simd
          do w = 1, block%n_samples
             block
                integer(long) :: stands, fails, now, free, longest, next
 
-               fails = merge(has_passed(w), 0_long, tick(w) < last)
-               stands = merge(1_long - has_passed(w), 0_long, tick(w) < last)
+               fails = merge(has_crossed(w), 0_long, tick(w) < last)
+               stands = merge(1_long - has_crossed(w), 0_long, tick(w) < last)
                is_switching(w) = merge(fails, 0_long, ticks(w) == 1)
                now = tick(w) + stands*ticks(w)
-               free = until(w) - now - 1
+               free = crossing(w) - now - 1
                free = ior(free, shiftr(free, 1))   ! ones below the highest one
                free = ior(free, shiftr(free, 2))
                free = ior(free, shiftr(free, 4))
@@ -197,21 +198,21 @@ contains
                free = ior(free, shiftr(free, 16))
                longest = iand(ior(now, whole), -ior(now, whole))   ! a power of two that divides now
                next = merge(longest, ticks(w), stands == 1)
-               next = merge(min(next, free - shiftr(free, 1)), next, now < until(w))
+               next = merge(min(next, free - shiftr(free, 1)), next, now < crossing(w))
                ticks(w) = max(next, 1_long)
                tick(w) = now
                slot(w) = ieor(slot(w), stands)
                is_due(w) = merge(stands, 0_long, now == next_tick(w))
-               is_left(w) = merge(1_long - is_switching(w), 0_long, now < last)
+               is_active(w) = merge(1_long - is_switching(w), 0_long, now < last)
             end block
          end do
       end associate
-   end subroutine settle
+   end subroutine finish_trials
 
-   !> Lists the numbers of those that are marked with 1, the others with 0.
+   !> Lists the numbers of the samples marked with 1.
    pure subroutine list_marked(is_marked, list, n)
-      integer(long), intent(in) :: is_marked(:)
-      integer, intent(out) :: list(:)   !! one longer than the marks
+      integer(long), intent(in) :: is_marked(:)   !! (sample) 1 or 0
+      integer, intent(out) :: list(:)             !! longer by one than is_marked
       integer, intent(out) :: n
       integer :: w
 
@@ -222,6 +223,7 @@ contains
       end do
    end subroutine list_marked
 
+   !> Appends a number to a list.
    pure subroutine append(number, list, n)
       integer, intent(in) :: number
       integer, intent(inout) :: list(:), n

@@ -6,15 +6,15 @@
 !> and S = M + gamma h C + beta h^2 K_s this is
 !>    a1 = S^-1 [b (F1 - F0) + M a0/gamma - h K_s (v0 + h (1/2 - beta/gamma) a0)]
 !>         - (1 - gamma)/gamma a0.
-!> The three factors of a0, v0 and F1 - F0 stand in maps. Short frames have one for every pattern.
-!> Long ones have that of all joints stuck, and take back what the springs of the slipping joints
-!> gain in a step, g: their extension is x1 - x0 of the stuck structure and beta h^2 W' S^-1 W g,
+!> A map has the factors of a0, v0 and F1 - F0. Short frames have one for every pattern. Long frames
+!> have only that with all joints stuck, and correct it by the Woodbury formula: g, what the springs
+!> of the slipping joints would gain in the step, is taken back,
 !>    (1/k - beta h^2 W' S^-1 W) g = W' (x1 - x0),   a1 grows by S^-1 W g.
 module dynamics_newmark_steps
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use dynamics_alignment, only: aligned_memory, register_width, whole_registers
-   use dynamics_newmark_block, only: newmark_block, newmark_try
+   use dynamics_newmark_block, only: newmark_block, newmark_trial
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_response, only: march_work
    use numerics_lapack, only: solve_positive_definite, unit_matrix
@@ -22,26 +22,27 @@ module dynamics_newmark_steps
    private
    public :: newmark_steps, new_newmark_steps
 
-   integer, parameter :: rows = register_width   !! of a short frame
-   integer, parameter :: narrow = 5              !! columns of one, up to the paper's chain; else 8
+   integer, parameter :: rows = register_width   !! rows of a short frame
+   integer, parameter :: narrow = 5      !! columns for a0 up to 5 dofs, else whole registers
 
-   !> Steps of all levels of halving.
+   !> Maps of all levels of halving.
    type :: newmark_steps
       type(newmark_frame) :: frame
       integer :: max_halvings = 0
-      !> (6, level) of a0, a1 in v1; of v0 (so h), a0, a1 in x1; (1 - gamma)/gamma
+      !> (6, level) factors of a0, a1 in v1; of v0 (h), a0, a1 in x1; (1 - gamma)/gamma
       real(wp), allocatable :: weight(:, :)
       real(wp), allocatable :: share(:)           !! (level) h/dt
-      !> a1 from a0 and v0 of the dofs, the changes of the forces and, in long frames, the springs
-      !> of slipping joints, S^-1 W (row, column, entry n_patterns level + pattern from 0)
+      !> (row, column, entry) a1 from a0 and v0 of the dofs, the changes of the forces and, in long
+      !> frames, g (S^-1 W); entry = n_patterns level + pattern, from 0
       real(wp), pointer, contiguous :: map(:, :, :) => null()
-      integer :: columns = narrow                 !! of each of the first two factors
+      integer :: columns = narrow         !! columns for a0, and for v0
       integer :: n_patterns = 1
-      !> Long frames: (2, 4 columns, level) rows of the map that count, (2, joint, level) of S^-1 W
+      !> Long frames: first and last row that is not negligible in four columns of the map
+      !> (1:2, four, level) and in a column of S^-1 W (1:2, joint, level)
       integer, allocatable :: span(:, :, :), gain_span(:, :, :)
       type(aligned_memory), private :: memory
    contains
-      procedure :: try
+      procedure :: try_steps
       procedure :: work
    end type newmark_steps
 
@@ -81,24 +82,24 @@ contains
          allocate (steps%gain_span(2, frame%structure%n_joints, 0:max_halvings))
       end if
       entries = steps%n_patterns*(max_halvings + 1)
-      call steps%memory%start(int(frame%n_padded, long)*columns*entries)
-      call steps%memory%take([frame%n_padded, columns, entries], planes)
+      call steps%memory%reserve(int(frame%n_padded, long)*columns*entries)
+      call steps%memory%assign_planes([frame%n_padded, columns, entries], planes)
       steps%map(1:, 1:, 0:) => planes
       do pattern = 0, steps%n_patterns - 1
          is_stuck = [(btest(pattern, j - 1) .or. .not. frame%is_short, j=1, size(is_stuck))]
          stiffness = frame%structure%stuck_stiffness(is_stuck)
          do level = 0, max_halvings
-            call put_map(stiffness, level, steps%n_patterns*level + pattern, beta, gamma, steps, &
-                         error)
+            call form_map(stiffness, level, steps%n_patterns*level + pattern, beta, gamma, steps, &
+                          error)
             if (allocated(error)) return
          end do
       end do
    end subroutine new_newmark_steps
 
-   !> Puts the factors of one pattern and level, and finds what counts in those of a long frame.
-   !> Columns without a factor stay zero.
-   subroutine put_map(stiffness, level, entry, beta, gamma, steps, error)
-      real(wp), intent(in) :: stiffness(:, :)   !! K of the pattern
+   !> Forms the map of one pattern and level, and finds the spans of a long frame. Columns beyond
+   !> the dofs stay zero.
+   subroutine form_map(stiffness, level, entry, beta, gamma, steps, error)
+      real(wp), intent(in) :: stiffness(:, :)   !! K_s of the pattern (dof, dof) [N/m]
       integer, intent(in) :: level, entry
       real(wp), intent(in) :: beta, gamma
       type(newmark_steps), intent(inout) :: steps
@@ -129,7 +130,7 @@ contains
          end associate
          map = steps%frame%rows_of(full)
          if (steps%frame%is_short) return
-         mobility = transpose(steps%frame%rows_of(inverse))   ! apart: gfortran 12 would not copy
+         mobility = transpose(steps%frame%rows_of(inverse))   ! alone, as gfortran 12 needs a copy
          mobility = steps%frame%rows_of(mobility)
          do i = 1, columns/2
             steps%span(:, i, level) = span_of(map(:, 4*i - 3:4*i), mobility)
@@ -140,11 +141,10 @@ contains
             end associate
          end do
       end associate
-   end subroutine put_map
+   end subroutine form_map
 
-   !> From the first to the last row, in whole registers, in which a column counts; none where all
-   !> is zero. What is left out changes no product beyond rounding, measured by the energy that S
-   !> stands for.
+   !> First and last row that is not negligible in any of the columns, in whole registers; an empty
+   !> range if all are zero. The other rows change products by less than rounding, in the norm of S.
    pure function span_of(matrix, mobility) result(span)
       real(wp), intent(in) :: matrix(:, :)     !! (row, column)
       real(wp), intent(in) :: mobility(:, :)   !! Z S^-1 Z' (row, row)
@@ -162,62 +162,63 @@ contains
       span(2) = whole_registers(findloc(counts, .true., 1, back=.true.))
    end function span_of
 
-   !> Work of a step of dt, in multiplications of the exact march. A transition is found and left by
-   !> three tries for every two halvings, and made.
+   !> Work of a step of dt, in multiplications of the exact march (march_work). A transition takes
+   !> three trials for every two halvings, and the switch of the joint.
    pure type(march_work) function work(self)
       class(newmark_steps), intent(in) :: self
-      real(wp), parameter :: of_switch = 1800.0_wp, of_try = 250.0_wp   ! that are no products
-      real(wp), parameter :: of_release = 750.0_wp, of_row = 20.0_wp    ! of long frames
-      real(wp), parameter :: narrower = 0.75_wp   ! products of all levels over those of the first
+      real(wp), parameter :: per_switch = 1800.0_wp, per_trial = 250.0_wp   ! beside the products
+      real(wp), parameter :: per_release = 750.0_wp, per_row = 20.0_wp      ! in long frames
+      real(wp), parameter :: mean_level = 0.75_wp   ! mean span of all levels over that of level 0
 
-      work%step = of_try + size(self%map, 1)*size(self%map, 2)
+      work%step = per_trial + size(self%map, 1)*size(self%map, 2)
       if (allocated(self%span)) &
-         work%step = of_try + of_release + of_row*size(self%map, 1) &
-                     + narrower*4*sum(self%span(2, :, 0) - self%span(1, :, 0) + 1)
-      work%transition = (1.0_wp + 1.5_wp*self%max_halvings)*work%step + of_switch
+         work%step = per_trial + per_release + per_row*size(self%map, 1) &
+                     + mean_level*4*sum(self%span(2, :, 0) - self%span(1, :, 0) + 1)
+      work%transition = (1.0_wp + 1.5_wp*self%max_halvings)*work%step + per_switch
    end function work
 
-   !> Tries a step with each of the listed samples, at its own level. The new motion goes to the
-   !> spare slot; has_passed is 1 where a joint is beyond its limit at the end of the step, else 0.
-   pure subroutine try(self, sample, block, has_passed)
+   !> Makes a trial step of each listed sample, at its own level. The new motion is put into the
+   !> other slot; has_crossed is 1 if a joint is beyond its limit at the end of the step, else 0.
+   pure subroutine try_steps(self, sample, block, has_crossed)
       class(newmark_steps), intent(in) :: self
-      integer, intent(in), contiguous :: sample(:)               !! their numbers
+      integer, intent(in), contiguous :: sample(:)                 !! numbers of samples
       type(newmark_block), intent(inout) :: block
-      integer(long), intent(inout), contiguous :: has_passed(:)  !! (all samples) for those listed
+      integer(long), intent(inout), contiguous :: has_crossed(:)   !! (all samples); only listed set
       integer :: f, k
 
-      call list_tries(size(sample), sample, self%max_halvings, self%n_patterns, block%ticks, &
-                      block%slot, block%pattern, block%tries)
+      call list_trials(size(sample), sample, self%max_halvings, self%n_patterns, block%step_ticks, &
+                       block%slot, block%pattern, block%trials)
       do f = 1, block%n_forces
-         call find_changes(size(sample), block%tries, self%max_halvings, block%tick, block%column, &
-                           self%share, ubound(block%force, 1), block%force(0, f), &
-                           block%change(1, f))
+         call find_changes(size(sample), block%trials, self%max_halvings, block%tick, &
+                           block%column, self%share, ubound(block%force, 1), &
+                           block%force(0, f), block%change(1, f))
       end do
       if (allocated(self%span)) then
          do k = 1, size(sample)
-            associate (w => block%tries(k)%sample, old => block%tries(k)%slot)
-               call try_long(self, block%tries(k)%level, block%change(k, :), &
-                             block%bounds(:, :, w), block%motion(:, :, old, w), &
-                             block%motion(:, :, 1 - old, w), block%list, block%factor, &
-                             has_passed(w))
+            associate (w => block%trials(k)%sample, old => block%trials(k)%slot)
+               call try_long_frame(self, block%trials(k)%level, block%change(k, :), &
+                                   block%bounds(:, :, w), block%motion(:, :, old, w), &
+                                   block%motion(:, :, 1 - old, w), block%list, block%factor, &
+                                   has_crossed(w))
             end associate
          end do
       else
-         call try_maps(size(sample), block%tries, self%weight, self%columns, self%map, &
-                       block%change, block%bounds, block%motion, has_passed)
+         call try_short_frames(size(sample), block%trials, self%weight, self%columns, self%map, &
+                               block%change, block%bounds, block%motion, has_crossed)
       end if
-   end subroutine try
+   end subroutine try_steps
 
-   !> Tries a step of a long frame: the map of all joints stuck, then the slipping ones let go.
-   pure subroutine try_long(self, level, change, bounds, old, new, list, factor, has_passed)
+   !> Makes a trial step of a long frame: the map with all joints stuck, then the correction for the
+   !> slipping ones.
+   pure subroutine try_long_frame(self, level, change, bounds, old, new, list, factor, has_crossed)
       type(newmark_steps), intent(in) :: self
       integer, intent(in) :: level
       real(wp), intent(in) :: change(:)                        !! (force) [N]
       real(wp), intent(in), contiguous :: bounds(:, :), old(:, :)
       real(wp), intent(inout), contiguous :: new(:, :)
-      integer, intent(inout), contiguous :: list(:)            !! room
-      real(wp), intent(inout), contiguous :: factor(:, :)      !! room
-      integer(long), intent(out) :: has_passed
+      integer, intent(inout), contiguous :: list(:)            !! buffer
+      real(wp), intent(inout), contiguous :: factor(:, :)      !! buffer
+      integer(long), intent(out) :: has_crossed
       integer :: f, j, m
 
       associate (rows => size(new, 1), columns => 2*self%columns)
@@ -226,15 +227,15 @@ contains
             new(:, 1) = new(:, 1) + self%map(:, columns + f, level)*change(f)
          end do
          m = 0
-         do j = 1, size(factor, 2)   ! without a branch, for nobody can guess it
+         do j = 1, size(factor, 2)   ! without a branch, which could not be predicted
             list(m + 1) = j
             m = m + merge(0, 1, bounds(self%frame%row(j), 4) > 0.0_wp)
          end do
          call release(self, level, list(:m), old, self%map(:, columns + size(change) + 1:, level), &
                       factor, new(:, 1))
-         call end_try(rows, self%weight(:, level), bounds, old, new, has_passed)
+         call finish_trial(rows, self%weight(:, level), bounds, old, new, has_crossed)
       end associate
-   end subroutine try_long
+   end subroutine try_long_frame
 
    !> Finds a = A f, four columns at a time.
    pure subroutine multiply(rows, n, span, matrix, f, a)
@@ -252,9 +253,9 @@ contains
       end do
    end subroutine multiply
 
-   !> Lets the listed joints slip, a by a + S^-1 W g. Column j of `factor` has row j of the matrix
-   !> from its diagonal on, then its right side, at last g. By elimination made here and not by
-   !> LAPACK, whose calls cost more than these few rows.
+   !> Adds S^-1 W g of the listed joints to a, so that they slip. Column j of `factor` has row j of
+   !> the matrix from its diagonal on, then the right side, which g replaces. Eliminates by itself,
+   !> since calls of LAPACK cost more than these few rows.
    pure subroutine release(self, level, list, old, gain, factor, a)
       type(newmark_steps), intent(in) :: self
       integer, intent(in) :: level, list(:)
@@ -296,99 +297,100 @@ contains
       end associate
    end subroutine release
 
-   !> Finds v1 and x1 from a1, and if a joint is beyond its limit.
-   pure subroutine end_try(n, weight, bounds, old, new, has_passed)
+   !> Finds v1 and x1 from a1, and whether a joint is beyond its limit.
+   pure subroutine finish_trial(n, weight, bounds, old, new, has_crossed)
       integer, intent(in) :: n
       real(wp), intent(in) :: weight(6), bounds(n, 4), old(n, 3)
       real(wp), intent(inout) :: new(n, 3)
-      integer(long), intent(out) :: has_passed
+      integer(long), intent(out) :: has_crossed
       integer :: i
 
-      has_passed = 0_long
-      !$omp simd reduction(ior:has_passed)
+      has_crossed = 0_long
+      !$omp simd reduction(ior:has_crossed)
       do i = 1, n
          new(i, 2) = old(i, 2) + weight(1)*old(i, 1) + weight(2)*new(i, 1)
          new(i, 3) = old(i, 3) + weight(3)*old(i, 2) + weight(4)*old(i, 1) + weight(5)*new(i, 1)
-         has_passed = ior(has_passed, is_beyond(bounds(i, 1), bounds(i, 2), bounds(i, 3), &
-                                                new(i, 2), new(i, 3)))
+         has_crossed = ior(has_crossed, is_beyond(bounds(i, 1), bounds(i, 2), bounds(i, 3), &
+                                                  new(i, 2), new(i, 3)))
       end do
-   end subroutine end_try
+   end subroutine finish_trial
 
-   !> 1 if the joint of a row is beyond its limit: too far from its slider, or moving back.
-   pure integer(long) function is_beyond(slider, reach, way, velocity, place)
-      real(wp), intent(in) :: slider, reach, way, velocity, place
+   !> 1 if the joint of a row is beyond its limit, |w.x - z| > reach or d w.v < 0, else 0.
+   pure integer(long) function is_beyond(slider, reach, direction, velocity, place)
+      real(wp), intent(in) :: slider, reach, direction, velocity, place
 
       is_beyond = ior(merge(1_long, 0_long, abs(place - slider) > reach), &
-                      merge(1_long, 0_long, way*velocity < 0.0_wp))
+                      merge(1_long, 0_long, direction*velocity < 0.0_wp))
    end function is_beyond
 
-   !> Lists what the tries depend on. Arrays of an explicit shape keep their addresses in registers.
-   pure subroutine list_tries(n_tries, sample, max_halvings, n_patterns, ticks, slot, pattern, &
-                              tries)
-      integer, intent(in) :: n_tries, sample(n_tries), max_halvings, n_patterns
+   !> Lists slot, level and map entry of each trial. Arrays of explicit shape keep their addresses
+   !> in registers.
+   pure subroutine list_trials(n_trials, sample, max_halvings, n_patterns, ticks, slot, pattern, &
+                               trials)
+      integer, intent(in) :: n_trials, sample(n_trials), max_halvings, n_patterns
       integer(long), intent(in) :: ticks(*), slot(*)   !! (sample)
       integer, intent(in) :: pattern(*)                !! (sample)
-      type(newmark_try), intent(inout) :: tries(n_tries)   !! written only
+      type(newmark_trial), intent(inout) :: trials(n_trials)   !! written only
       integer :: k, l, w
 
-      do k = 1, n_tries
+      do k = 1, n_trials
          w = sample(k)
          l = max_halvings - trailz(ticks(w))
-         tries(k)%sample = w
-         tries(k)%slot = int(slot(w))
-         tries(k)%level = l
-         tries(k)%entry = n_patterns*l + pattern(w)
+         trials(k)%sample = w
+         trials(k)%slot = int(slot(w))
+         trials(k)%level = l
+         trials(k)%entry = n_patterns*l + pattern(w)
       end do
-   end subroutine list_tries
+   end subroutine list_trials
 
-   !> Finds how much a force changes in each try.
-   pure subroutine find_changes(n_tries, tries, max_halvings, tick, column, share, n_steps, &
+   !> Finds the change of a force over each trial step.
+   pure subroutine find_changes(n_trials, trials, max_halvings, tick, column, share, n_steps, &
                                 force, change)
-      integer, intent(in) :: n_tries
-      type(newmark_try), intent(in) :: tries(n_tries)
+      integer, intent(in) :: n_trials
+      type(newmark_trial), intent(in) :: trials(n_trials)
       integer, intent(in) :: max_halvings, n_steps
       integer(long), intent(in) :: tick(*)          !! (sample)
-      integer, intent(in) :: column(*)              !! (sample) before its own
+      integer, intent(in) :: column(*)              !! (sample) column before its own
       real(wp), intent(in) :: share(0:*)            !! (level)
       real(wp), intent(in) :: force(0:n_steps, *)   !! (step, column) [N]
-      real(wp), intent(out) :: change(n_tries)
+      real(wp), intent(out) :: change(n_trials)
       integer :: c, k, step, w
 
-      do k = 1, n_tries
-         w = tries(k)%sample
+      do k = 1, n_trials
+         w = trials(k)%sample
          c = column(w) + 1
          step = int(shiftr(tick(w), max_halvings))
-         change(k) = share(tries(k)%level)*(force(step + 1, c) - force(step, c))
+         change(k) = share(trials(k)%level)*(force(step + 1, c) - force(step, c))
       end do
    end subroutine find_changes
 
-   !> Tries the steps of short frames: a1 by the tables, v1 and x1, and whether a joint has passed
-   !> its limit. Every array has an explicit shape and is whole registers long: here the time is
-   !> spent. Rows of the motion: a 1..8, v 9..16, x 17..24.
-   pure subroutine try_maps(n_tries, tries, weight, columns, map, change, bounds, motion, &
-                            has_passed)
-      integer, intent(in) :: n_tries, columns
-      type(newmark_try), intent(in) :: tries(n_tries)
+   !> Makes the trial steps of short frames: a1 by the maps, then v1 and x1, and whether a joint is
+   !> beyond its limit. This kernel takes most of the time: every array has an explicit shape of
+   !> whole registers. Rows of the motion: a 1..8, v 9..16, x 17..24.
+   pure subroutine try_short_frames(n_trials, trials, weight, columns, map, change, bounds, &
+                                    motion, has_crossed)
+      integer, intent(in) :: n_trials, columns
+      type(newmark_trial), intent(in) :: trials(n_trials)
       real(wp), intent(in) :: weight(6, 0:*), change(:, :)   !! change (try, force)
       real(wp), intent(in) :: map(rows, 2*columns + size(change, 2), 0:*), bounds(rows, 4, *)
       real(wp), intent(inout) :: motion(3*rows, 0:1, *)
-      integer(long), intent(inout) :: has_passed(*)
-      real(wp) :: a(rows), more(rows)
-      integer(long) :: passed
+      integer(long), intent(inout) :: has_crossed(*)
+      real(wp) :: a(rows), rest(rows)
+      integer(long) :: crossed
       integer :: e, i, j, k, l, new, old, w
 
-      do k = 1, n_tries
-         e = tries(k)%entry
-         l = tries(k)%level
-         w = tries(k)%sample
-         old = tries(k)%slot
+      do k = 1, n_trials
+         e = trials(k)%entry
+         l = trials(k)%level
+         w = trials(k)%sample
+         old = trials(k)%slot
          new = 1 - old
          !$omp simd
          do i = 1, rows
             a(i) = ((map(i, 1, e)*motion(1, old, w) + map(i, 2, e)*motion(2, old, w)) &
                     + (map(i, 3, e)*motion(3, old, w) + map(i, 4, e)*motion(4, old, w))) &
                    + map(i, 5, e)*motion(5, old, w)
-            more(i) = ((map(i, columns + 1, e)*motion(rows + 1, old, w) &
+            rest(i) = ((map(i, columns + 1, e)*motion(rows + 1, old, w) &
                         + map(i, columns + 2, e)*motion(rows + 2, old, w)) &
                        + (map(i, columns + 3, e)*motion(rows + 3, old, w) &
                           + map(i, columns + 4, e)*motion(rows + 4, old, w))) &
@@ -400,34 +402,34 @@ contains
             do i = 1, rows
                a(i) = a(i) + ((map(i, 6, e)*motion(6, old, w) + map(i, 7, e)*motion(7, old, w)) &
                               + map(i, 8, e)*motion(8, old, w))
-               more(i) = more(i) + ((map(i, 14, e)*motion(14, old, w) &
+               rest(i) = rest(i) + ((map(i, 14, e)*motion(14, old, w) &
                                      + map(i, 15, e)*motion(15, old, w)) &
                                     + map(i, 16, e)*motion(16, old, w))
             end do
          end if
          do j = 2, size(change, 2)
-            more = more + map(:, 2*columns + j, e)*change(k, j)
+            rest = rest + map(:, 2*columns + j, e)*change(k, j)
          end do
-         passed = 0_long
-         !$omp simd reduction(ior:passed)
+         crossed = 0_long
+         !$omp simd reduction(ior:crossed)
          do i = 1, rows
             block
                real(wp) :: a0, v0, a1, v1, x1
 
                a0 = motion(i, old, w)
                v0 = motion(rows + i, old, w)
-               a1 = a(i) + more(i)
+               a1 = a(i) + rest(i)
                v1 = v0 + weight(1, l)*a0 + weight(2, l)*a1
                x1 = motion(2*rows + i, old, w) + weight(3, l)*v0 + weight(4, l)*a0 + weight(5, l)*a1
                motion(i, new, w) = a1
                motion(rows + i, new, w) = v1
                motion(2*rows + i, new, w) = x1
-               passed = ior(passed, is_beyond(bounds(i, 1, w), bounds(i, 2, w), bounds(i, 3, w), &
-                                              v1, x1))
+               crossed = ior(crossed, is_beyond(bounds(i, 1, w), bounds(i, 2, w), bounds(i, 3, w), &
+                                                v1, x1))
             end block
          end do
-         has_passed(w) = passed
+         has_crossed(w) = crossed
       end do
-   end subroutine try_maps
+   end subroutine try_short_frames
 
 end module dynamics_newmark_steps
