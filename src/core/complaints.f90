@@ -1,4 +1,5 @@
-!> All complaints about a scene and its files, in the order of their lines, each with a caret.
+!> Complaints about a scene and its files, in the order of their lines, each with its line and a
+!> caret below the offending character.
 module core_complaints
    use core_kinds, only: long
    use core_source, only: source_type
@@ -7,24 +8,25 @@ module core_complaints
    private
    public :: complaint_list, printable
 
-   integer, parameter :: max_kept = 200   !! more are counted, not shown
-   integer, parameter :: window = 76      !! bytes of the offending line that are shown
-   integer, parameter :: longest_character = 4   !! bytes, UTF-8
-   integer(long), parameter :: longest_line = 2_long**25, beyond = 2_long**61   !! of all lines
+   integer, parameter :: max_kept = 200          !! complaints that are shown; others are counted
+   integer, parameter :: window = 76             !! bytes of a line that are shown
+   integer, parameter :: longest_character = 4   !! bytes of a character in UTF-8
+   integer(long), parameter :: line_places = 2_long**25     !! more than a line has columns
+   integer(long), parameter :: option_places = 2_long**61   !! more than a file has places
    integer, parameter :: tab = 9, first_printable = 32, delete = 127, first_continuation = 128, &
                          last_continuation = 191
 
    type :: complaint_type
-      integer(long) :: place = huge(1_long)    !! ascends through the file, then the --set options
+      integer(long) :: place = huge(1_long)   !! ascends through the file, then the --set options
       character(:), allocatable :: text
    end type complaint_type
 
-   !> `text` is there when `n` > 0.
+   !> Complaints in the order of their places.
    type :: complaint_list
-      integer :: n = 0                         !! complaints made
-      character(:), allocatable :: text        !! all of them, ready to be printed
+      integer :: n = 0                              !! number of complaints
+      character(:), allocatable :: text             !! text of all to be printed; unallocated: none
       type(complaint_type), allocatable, private :: kept(:)
-      character(:), allocatable, private :: shown   !! the kept ones, each with its line feed
+      character(:), allocatable, private :: shown   !! text of `kept`, each with a line feed
    contains
       procedure :: add
       procedure :: add_general
@@ -33,8 +35,7 @@ module core_complaints
 
 contains
 
-   !> Adds a complaint: `message` follows `file:line: `; the column is that of the offending
-   !> character.
+   !> Adds a complaint `file:line: message` about the character in a column.
    subroutine add(self, source, line, column, message)
       class(complaint_list), intent(inout) :: self
       type(source_type), intent(in) :: source
@@ -42,13 +43,14 @@ contains
       character(*), intent(in) :: message
       type(complaint_type) :: complaint
 
-      complaint%place = merge(beyond, 0_long, source%name == '--set') + line*longest_line + column
+      complaint%place = merge(option_places, 0_long, source%name == '--set') + line*line_places &
+                        + column
       complaint%text = source%name//':'//to_text(line)//': '//message// &
                        excerpt(source%line(line), column)
       call self%keep(complaint)
    end subroutine add
 
-   !> Adds a complaint without a line, such as that a scene cannot be opened.
+   !> Adds a complaint without a line, for instance about a file that cannot be opened.
    subroutine add_general(self, message)
       class(complaint_list), intent(inout) :: self
       character(*), intent(in) :: message
@@ -79,7 +81,7 @@ contains
       self%text = self%shown(:len(self%shown) - 1)
    end subroutine keep
 
-   !> The line, and below it a caret under the column; a long line is cut around the column.
+   !> Line of a source with a caret below the column; a long line is cut around the column.
    pure function excerpt(line, column) result(text)
       character(*), intent(in) :: line
       integer, intent(in) :: column
@@ -102,7 +104,7 @@ contains
              repeat(' ', blanks)//'^'
    end function excerpt
 
-   !> Text with its control characters replaced, so a hostile line cannot control the terminal.
+   !> Text with its control characters replaced, so that a hostile line cannot control the terminal.
    pure function printable(text) result(clean)
       character(*), intent(in) :: text
       character(:), allocatable :: clean
@@ -122,7 +124,7 @@ contains
       end if
    end function printable
 
-   !> True if a byte continues a UTF-8 character, and so takes no column on the screen.
+   !> True if a byte continues a UTF-8 character, and so needs no column on the screen.
    elemental logical function is_continuation(byte)
       character, intent(in) :: byte
 

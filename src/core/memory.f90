@@ -1,9 +1,9 @@
-!> Memory under a limit of the system (`ulimit -v`, RLIMIT_AS): what libraries take at their start.
+!> Memory limits of the system (`ulimit -v`, RLIMIT_AS): checks that memory can be allocated.
 !>
 !> When it is loaded, OpenBLAS allocates a buffer of 128 MB for each of its threads, one for each
 !> core, and one more at its first call. If the system refuses a buffer, OpenBLAS asks again without
-!> end (memory.c, blas_memory_alloc). So a program under a limit starts with one such thread and
-!> asks for the memory first.
+!> end (memory.c, blas_memory_alloc). So under a limit the program restarts with one such thread,
+!> and checks beforehand that the buffers can be allocated.
 module core_memory
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_loc, c_null_char, &
                                           c_null_ptr, c_ptr
@@ -16,7 +16,7 @@ module core_memory
    public :: gives_memory, require_memory, restart_without_threads
 
    character(*), parameter :: n_threads = 'OPENBLAS_NUM_THREADS'
-   integer, parameter :: least_megabytes = 256   !! OpenBLAS 128, MPI 64, small work 64
+   integer, parameter :: needed_megabytes = 256               !! OpenBLAS 128, MPI 64, others 64
    integer(c_int64_t), parameter :: no_limit = -1_c_int64_t   !! RLIM_INFINITY
 
    type, bind(c) :: limit_type
@@ -31,7 +31,7 @@ module core_memory
          integer(c_int) :: status
       end function c_getrlimit
 
-      !> Replaces the program by another; returns if that is impossible.
+      !> Replaces this program by another; returns only on failure.
       function c_execv(path, arguments) result(status) bind(c, name='execv')
          import :: c_char, c_int, c_ptr
          character(kind=c_char), intent(in) :: path(*)
@@ -45,11 +45,12 @@ contains
    !> True if the system limits the address space or the data of this process.
    function limits_memory()
       logical :: limits_memory
-      integer(c_int), parameter :: rlimit_data = 2, rlimit_as = 9   !! Linux
+      integer(c_int), parameter :: rlimit_data = 2, rlimit_as = 9   ! Linux
 
       limits_memory = is_limited(rlimit_as) .or. is_limited(rlimit_data)
    end function limits_memory
 
+   !> True if the system limits a resource of this process.
    function is_limited(resource)
       integer(c_int), intent(in) :: resource
       logical :: is_limited
@@ -59,10 +60,10 @@ contains
       if (c_getrlimit(resource, limits) == 0) is_limited = limits%soft /= no_limit
    end function is_limited
 
-   !> Restarts the program with one thread of OpenBLAS if memory is limited: the other threads have
-   !> taken their buffers already. The process stays the same.
+   !> Restarts the program with one thread of OpenBLAS if memory is limited, because OpenBLAS has
+   !> already allocated the buffers of the others. The process number stays the same.
    subroutine restart_without_threads()
-      integer(c_int) :: ignored   ! where it cannot be started anew, the program goes on
+      integer(c_int) :: ignored   ! the program continues if it cannot be restarted
       character(8) :: value
       integer :: length, status
 
@@ -70,12 +71,12 @@ contains
       if (status == 0 .and. value == '1') return
       if (.not. limits_memory()) return
       ignored = c_setenv(n_threads//c_null_char, '1'//c_null_char, 1_c_int)
-      call start_anew()
+      call restart()
    end subroutine restart_without_threads
 
-   !> Replaces this program by itself, with the arguments that Linux keeps of it, each with its null
+   !> Replaces this program by itself, with the arguments that Linux keeps, each with its null
    !> character.
-   subroutine start_anew()
+   subroutine restart()
       character(kind=c_char), allocatable, target :: words(:)
       character(kind=c_char) :: letter
       integer, allocatable :: starts(:)
@@ -95,32 +96,32 @@ contains
       starts = pack([(i, i=1, size(words))], [c_null_char, words(:size(words) - 1)] == c_null_char)
       ignored = c_execv('/proc/self/exe'//c_null_char, &
                         [(c_loc(words(starts(i))), i=1, size(starts)), c_null_ptr])
-   end subroutine start_anew
+   end subroutine restart
 
-   !> Raises an error if the system refuses the memory that libraries take at their start.
+   !> Raises an error if the system refuses the memory that libraries allocate at their start.
    subroutine require_memory(error)
       type(error_type), allocatable, intent(out) :: error
 
       if (.not. limits_memory()) return
-      if (.not. gives_memory(1.0e6_wp*least_megabytes)) &
+      if (.not. gives_memory(1.0e6_wp*needed_megabytes)) &
          call raise(error, exit_file, 'memory: the system does not give the '// &
-                    to_text(least_megabytes)//' MB that libraries take before any work: '// &
+                    to_text(needed_megabytes)//' MB that libraries take before any work: '// &
                     'raise the limit (ulimit -v) to 400000 kB or more')
    end subroutine require_memory
 
-   !> True if the system would give so much memory now. It is released at once.
+   !> True if so much memory can be allocated now; it is freed at once.
    function gives_memory(bytes)
       real(wp), intent(in) :: bytes
       logical :: gives_memory
-      real(wp), parameter :: word = 8.0_wp   !! bytes of a number
-      real(wp), allocatable, volatile :: room(:)
+      real(wp), parameter :: word = 8.0_wp   ! bytes of a number
+      real(wp), allocatable, volatile :: words(:)
       integer :: status
 
       gives_memory = bytes/word < real(huge(1_long), wp)/16
       if (.not. gives_memory) return
-      allocate (room(max(1_long, nint(bytes/word, long))), stat=status)
+      allocate (words(max(1_long, nint(bytes/word, long))), stat=status)
       gives_memory = status == 0
-      if (gives_memory) room(1) = 0.0_wp
+      if (gives_memory) words(1) = 0.0_wp
    end function gives_memory
 
 end module core_memory

@@ -1,8 +1,8 @@
-!> Random streams that belong to a sample, not to a rank: Philox4x32-10 (Salmon et al., 2011).
+!> Random streams, one for each sample, by Philox4x32-10 (Salmon et al., 2011).
 !>
-!> A stream is a key (seed and label) and the upper half of the counter (sample number). The lower
-!> half of the counter is the position in the stream. Any stream can start at any position at no
-!> cost, and no two streams share a counter.
+!> The key of a stream comes from seed and label, the upper half of its counter is the sample
+!> number, the lower half the position in the stream. So a stream can start at any position at no
+!> cost, and no two streams share numbers, whatever rank draws them.
 module core_random
    use core_kinds, only: long, two_pi, wp
    implicit none(type, external)
@@ -10,31 +10,32 @@ module core_random
    public :: stream_type, new_stream, label_of, philox
 
    integer(long), parameter :: mask32 = int(z'FFFFFFFF', long)
-   integer, parameter :: width = 64   !! values per full block: what shares a block must not matter
+   integer, parameter :: width = 64   !! values that are computed side by side
 
-   !> One stream; `uniforms` and `normals` take the next numbers from it.
+   !> Random stream; `uniforms` and `normals` draw its next numbers.
    type :: stream_type
       private
-      integer(long) :: key(2) = 0      !! 32 bits in each word
-      integer(long) :: sample(2) = 0   !! upper half of the counter
-      integer(long) :: position = 0    !! lower half: Philox blocks already used
+      integer(long) :: key(2) = 0      !! words of 32 bits
+      integer(long) :: sample(2) = 0   !! words of 32 bits: upper half of the counter
+      integer(long) :: position = 0    !! lower half of the counter: Philox blocks already used
    contains
       procedure :: uniforms
       procedure :: normals
    end type stream_type
 
-   !> Fingerprint of what a stream belongs to; extend it value by value: label = label_of(label, x).
+   !> Label of a stream: a hash of a text, to which values are added one by one, as in
+   !> label = label_of(label, x).
    interface label_of
       module procedure label_of_text, label_with_long, label_with_integer, label_with_real
    end interface label_of
 
 contains
 
-   !> The stream of (seed, label, sample): label from `label_of`, sample from 1; 0 for all samples.
+   !> Stream of a seed, a label and a sample.
    pure function new_stream(seed, label, sample) result(stream)
       integer(long), intent(in) :: seed
-      integer(long), intent(in) :: label
-      integer, intent(in) :: sample
+      integer(long), intent(in) :: label   !! from label_of
+      integer, intent(in) :: sample        !! from 1; 0 for all samples
       type(stream_type) :: stream
       integer(long) :: key
 
@@ -115,7 +116,7 @@ contains
       end do
    end subroutine philox
 
-   !> Finds the upper and lower 32 bits of a 32 x 32 bit product within signed 64-bit integers.
+   !> Multiplies two numbers of 32 bits; finds the upper and lower 32 bits of the product.
    pure subroutine multiply(a, b, high, low)
       integer(long), intent(in) :: a, b
       integer(long), intent(out) :: high, low
@@ -127,7 +128,7 @@ contains
       low = ior(ishft(iand(upper, 65535_long), 16), iand(lower, 65535_long))
    end subroutine multiply
 
-   !> The upper 53 of the 64 bits of two words.
+   !> Upper 53 of the 64 bits of two words.
    elemental function upper_53(high, low) result(bits)
       integer(long), intent(in) :: high, low
       integer(long) :: bits
@@ -143,7 +144,7 @@ contains
       words = [iand(value, mask32), ishft(value, -32)]
    end function words_of
 
-   !> A fixed permutation of (label, value), cut to 64 bits: Philox under a key of its own.
+   !> Hash of label and value: 64 of the 128 bits of their Philox block under a fixed key.
    pure function label_with_long(label, value) result(mixed)
       integer(long), intent(in) :: label, value
       integer(long) :: mixed
@@ -154,6 +155,7 @@ contains
       mixed = ior(ishft(word(1, 1), 32), word(1, 2))
    end function label_with_long
 
+   !> Hash of label and value.
    pure function label_with_integer(label, value) result(mixed)
       integer(long), intent(in) :: label
       integer, intent(in) :: value
@@ -162,7 +164,7 @@ contains
       mixed = label_with_long(label, int(value, long))
    end function label_with_integer
 
-   !> The bits of a value, those of 0.0 for -0.0.
+   !> Hash of label and the bits of a value, 0.0 for -0.0.
    pure function label_with_real(label, value) result(mixed)
       integer(long), intent(in) :: label
       real(wp), intent(in) :: value
@@ -171,6 +173,7 @@ contains
       mixed = label_with_long(label, transfer(value + 0.0_wp, 0_long))
    end function label_with_real
 
+   !> Hash of a text.
    pure function label_of_text(text) result(label)
       character(*), intent(in) :: text
       integer(long) :: label

@@ -1,4 +1,4 @@
-!> The text of a scene by lines, from a file or from the --set options of the command line.
+!> Text of a scene or table with its lines, from a file or from the --set options.
 module core_source
    use core_kinds, only: long
    use core_text, only: to_text
@@ -7,13 +7,13 @@ module core_source
    public :: source_type, byte_order_mark, find_beside, is_hdf5_file, new_source, read_source
 
    integer, parameter :: line_feed = 10
-   !> Byte order mark, with which some editors begin UTF-8 text.
+   !> Byte order mark with which some editors begin UTF-8 text.
    character(*), parameter :: byte_order_mark = char(239)//char(187)//char(191)
    character(*), parameter :: not_text = 'is not plain text: HDF5, UTF-16 or another binary format'
 
-   !> A text and the places where its lines begin.
+   !> Text and the places where its lines begin.
    type :: source_type
-      character(:), allocatable :: name       !! as complaints call it
+      character(:), allocatable :: name       !! name in complaints
       character(:), allocatable :: text
       integer, allocatable :: line_start(:)   !! (line) position of its first character
    contains
@@ -23,7 +23,7 @@ module core_source
 
 contains
 
-   !> A given text with the name that complaints use for it.
+   !> Source of a given text, with its name in complaints.
    pure function new_source(name, text) result(source)
       character(*), intent(in) :: name, text
       type(source_type) :: source
@@ -45,7 +45,8 @@ contains
       end do
    end function new_source
 
-   !> Path of a file beside another one, else in the current directory; '' if it is in neither.
+   !> Path of a file in the folder of another path, else in the current folder; '' if it is in
+   !> neither.
    function find_beside(path, file) result(found)
       character(*), intent(in) :: path, file
       character(:), allocatable :: found
@@ -60,7 +61,7 @@ contains
       if (.not. exists) found = ''
    end function find_beside
 
-   !> True if the file begins as HDF5 does; any other is taken for text.
+   !> True if the file begins with HDF5's signature.
    logical function is_hdf5_file(path)
       character(*), intent(in) :: path
       character(8) :: signature
@@ -69,7 +70,7 @@ contains
 
       is_hdf5_file = .false.
       inquire (file=path, size=n_bytes)
-      if (n_bytes == 0) return   ! perhaps a pipe, which to open is to wait
+      if (n_bytes == 0) return   ! perhaps a pipe, where opening would wait
       open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
             status='old', iostat=status)
       if (status /= 0) return
@@ -79,7 +80,7 @@ contains
       close (unit, iostat=status)
    end function is_hdf5_file
 
-   !> Reads a whole file; `refusal` is allocated if that fails, and says why.
+   !> Reads a whole file; if that fails, `refusal` is allocated and has the reason.
    subroutine read_source(path, source, refusal, most_bytes)
       character(*), intent(in) :: path
       type(source_type), intent(out) :: source
@@ -95,9 +96,9 @@ contains
       inquire (file=path, exist=exists, size=size)
       if (.not. exists .or. len_trim(path) == 0) then
          refusal = 'no such file'
-      else if (size <= 0) then   ! the last two could keep us waiting for ever
+      else if (size <= 0) then   ! reading a pipe or a device could wait for ever
          refusal = 'is empty, or a pipe or a device'
-      else if (is_hdf5_file(path)) then   ! of any size: results in place of a scene
+      else if (is_hdf5_file(path)) then   ! before the size, as for results in place of a scene
          refusal = not_text
       else if (size > most_bytes) then
          refusal = 'is larger than '//to_text(most_bytes/1024**2)//' MB'
@@ -117,13 +118,14 @@ contains
       close (unit, iostat=status)
    end subroutine read_source
 
+   !> Number of lines.
    pure integer function n_lines(self)
       class(source_type), intent(in) :: self
 
       n_lines = size(self%line_start)
    end function n_lines
 
-   !> One line without its line feed.
+   !> Line of a number, without its line feed.
    pure function line(self, number) result(text)
       class(source_type), intent(in) :: self
       integer, intent(in) :: number

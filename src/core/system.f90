@@ -1,4 +1,4 @@
-!> Errors, signals, streams and the environment of the system, by libc.
+!> Calls of libc for system errors, signals, streams and environment variables.
 module core_system
    use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_funptr, c_int, c_ptr, c_size_t
    use core_error, only: error_type, exit_file, raise
@@ -48,7 +48,7 @@ module core_system
 
 contains
 
-   !> Number of the error of the call that has just failed (errno).
+   !> Error number of the call that has just failed (errno).
    function system_error() result(number)
       integer(c_int) :: number
       integer(c_int), pointer :: errno
@@ -57,24 +57,24 @@ contains
       number = errno
    end function system_error
 
-   !> The system's words for one of its error numbers.
+   !> System's message for an error number.
    function system_text(number) result(text)
-      integer(c_int), intent(in) :: number   !! as `system_error` gives it
+      integer(c_int), intent(in) :: number   !! from `system_error`
       character(:), allocatable :: text
 
       text = text_at(c_strerror(number))
    end function system_text
 
-   !> Raises exit_file with a message and the system's words for one of its error numbers.
+   !> Raises exit_file with a message and the system's message for an error number.
    subroutine raise_system(number, message, error)
-      integer(c_int), intent(in) :: number   !! as `system_error` gives it
+      integer(c_int), intent(in) :: number   !! from `system_error`
       character(*), intent(in) :: message
       type(error_type), allocatable, intent(out) :: error
 
       call raise(error, exit_file, message//': '//system_text(number))
    end subroutine raise_system
 
-   !> A C string.
+   !> Text of a C string.
    function text_at(location) result(text)
       type(c_ptr), intent(in) :: location
       character(:), allocatable :: text

@@ -1,5 +1,5 @@
-!> Tables of numbers in text files: one row a line, its values between blanks, commas or semicolons.
-!> The rest of a line behind # or ! is a comment.
+!> Tables of numbers in text files. A line is a row; blanks, commas or semicolons separate its
+!> values. A comment begins with # or !.
 module core_table
    use core_complaints, only: complaint_list, printable
    use core_kinds, only: wp
@@ -12,29 +12,29 @@ module core_table
 
    character(*), parameter :: white = ' '//achar(9)//achar(13)
    character(*), parameter :: blanks = white//';'
-   character(*), parameter, public :: number_marks = '#!'   !! begin a comment among numbers
-   !> Rule of separate_commas.
+   character(*), parameter, public :: number_marks = '#!'   !! characters that begin a comment
+   !> Rule that `separate_commas` returns for a missing value.
    character(*), parameter, public :: no_value = 'a value is missing beside the separator'
-   integer, parameter :: max_shown = 10        !! bad lines that are named one by one
-   integer, parameter :: longest_line = 4096   !! [characters]
+   integer, parameter :: max_shown = 10        !! bad lines with a complaint each
+   integer, parameter :: longest_line = 4096   !! characters of the longest allowed line
 
-   !> Rows in file order. A row that has fewer values than the longest ends in zeros.
+   !> Rows of a file in their order. Zeros follow the values of a short row.
    type :: table_type
       character(:), allocatable :: path
       integer :: n_rows = 0
       real(wp), allocatable :: value(:, :)       !! (column, row)
       integer, allocatable :: n_columns(:)       !! (row)
-      integer, allocatable :: line(:)            !! (row) of the file
+      integer, allocatable :: line(:)            !! (row) number of its line in the file
    contains
       procedure :: refuse_row
    end type table_type
 
 contains
 
-   !> Reads the rows of a file. Every row has fewest to most values. Every bad line is a complaint.
+   !> Reads the rows of a file and complains about each bad line.
    subroutine read_table(path, fewest, most, table, complaints)
       character(*), intent(in) :: path
-      integer, intent(in) :: fewest, most    !! values on a line
+      integer, intent(in) :: fewest, most    !! allowed numbers of values in a row
       type(table_type), intent(out) :: table
       type(complaint_list), intent(inout) :: complaints
       character(:), allocatable :: refusal
@@ -48,10 +48,10 @@ contains
       end if
    end subroutine read_table
 
-   !> Takes the rows of a text, see read_table.
+   !> Reads the rows of a text, see read_table.
    subroutine parse_rows(source, marks, fewest, most, table, complaints)
       type(source_type), intent(in) :: source
-      character(*), intent(in) :: marks   !! that begin a comment
+      character(*), intent(in) :: marks   !! characters that begin a comment
       integer, intent(in) :: fewest, most
       type(table_type), intent(out) :: table
       type(complaint_list), intent(inout) :: complaints
@@ -86,11 +86,11 @@ contains
       table%line = table%line(:table%n_rows)
    end subroutine parse_rows
 
-   !> A line of a file without its comment and without the mark that some editors put first.
+   !> Line of a source without its comment and without a byte order mark.
    pure function data_line(source, number, marks) result(line)
       type(source_type), intent(in) :: source
       integer, intent(in) :: number
-      character(*), intent(in) :: marks   !! that begin a comment
+      character(*), intent(in) :: marks   !! characters that begin a comment
       character(:), allocatable :: line
 
       line = source%line(number)
@@ -98,8 +98,8 @@ contains
       line = line(:scan(line//marks, marks) - 1)
    end function data_line
 
-   !> Makes commas blanks. `rule` is allocated where a comma may be a decimal one, as in 0,3, or
-   !> where no value stands before a separator; line(first:last) is the place.
+   !> Replaces the commas that separate values by blanks. `rule` is allocated if a comma may be a
+   !> decimal one, as in 0,3, or if a value is missing; the place is then line(first:last).
    pure subroutine separate_commas(line, first, last, rule)
       character(:), allocatable, intent(inout) :: line
       integer, intent(out) :: first, last
@@ -121,11 +121,11 @@ contains
          end associate
       end do
       n = verify(line, white, back=.true.)
-      is_empty = .true.   ! no value since the last separator
+      is_empty = .true.   ! there is no value since the last separator
       do i = 1, n
          if (index(white, line(i:i)) > 0) cycle
          is_separator = index(',;', line(i:i)) > 0
-         if (is_separator .and. (is_empty .or. line(i:n) == ',')) then   ! a ; may end a row
+         if (is_separator .and. (is_empty .or. line(i:n) == ',')) then   ! only ; may end a row
             first = max(1, i - 19)
             last = i
             rule = no_value
@@ -138,7 +138,7 @@ contains
       end do
    end subroutine separate_commas
 
-   !> Reads the values of a line, n of them; `rule` is allocated when the line is bad.
+   !> Reads the n values of a line; `rule` is allocated if the line is bad.
    pure subroutine parse_row(line, fewest, values, n, rule)
       character(*), intent(in) :: line
       integer, intent(in) :: fewest
@@ -168,7 +168,7 @@ contains
          rule = 'must be '//number_of_values(fewest, size(values))
    end subroutine parse_row
 
-   !> Finds the next word of a line after position `last`; first > last if there is none.
+   !> Finds the next word, line(first:last), after position `last`; first > last if there is none.
    pure subroutine next_word(line, first, last)
       character(*), intent(in) :: line
       integer, intent(out) :: first
@@ -186,7 +186,7 @@ contains
       end do
    end subroutine next_word
 
-   !> The words of a text, padded with blanks.
+   !> Words of a text, padded with blanks.
    pure function words_of(text) result(words)
       character(*), intent(in) :: text
       character(:), allocatable :: words(:)
@@ -201,7 +201,7 @@ contains
       end do
    end function words_of
 
-   !> The allowed number of values: 'one value', '5 or 6 values', '2 to 4 values'.
+   !> Text of the allowed number of values: 'one value', '5 or 6 values', '2 to 4 values'.
    pure function number_of_values(fewest, most) result(text)
       integer, intent(in) :: fewest, most
       character(:), allocatable :: text

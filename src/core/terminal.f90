@@ -1,4 +1,5 @@
-!> Standard output, standard error, and the end of the program. Output that is lost is an error.
+!> Standard output, standard error, and the end of the program. A failed write to standard output is
+!> an error of the program.
 module core_terminal
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_funptr, c_int, c_intptr_t, &
                                           c_long, c_null_char, c_null_funptr, c_ptr, c_size_t
@@ -11,8 +12,8 @@ module core_terminal
 
    integer(c_int), parameter :: standard_output = 1, standard_error = 2   !! POSIX file descriptors
 
-   logical :: has_output = .false.   !! something was written to standard output
-   integer(c_int) :: failure = 0     !! system error of the first write to it that failed; 0: none
+   logical :: has_output = .false.   !! the program has written to standard output
+   integer(c_int) :: failure = 0     !! system error of its first failed write; 0: none
 
    interface
       function c_isatty(descriptor) result(answer) bind(c, name='isatty')
@@ -49,12 +50,12 @@ module core_terminal
 
 contains
 
-   !> Prepares the standard descriptors; the program calls it first. A write to a closed pipe then
-   !> fails instead of killing the program. A closed standard descriptor is opened on an empty file,
-   !> so no results file gets its number; writing there still fails.
+   !> Prepares the standard descriptors, before anything else. Writing to a closed pipe then fails
+   !> instead of killing the program. A closed standard descriptor is opened for reading, so that no
+   !> results file gets its number; writing there still fails.
    subroutine start_terminal()
-      integer(c_int), parameter :: sigpipe = 13          !! Linux
-      integer(c_intptr_t), parameter :: sig_ign = 1      !! C's SIG_IGN: the signal does nothing
+      integer(c_int), parameter :: sigpipe = 13       ! Linux
+      integer(c_intptr_t), parameter :: sig_ign = 1   ! SIG_IGN of C: the signal does nothing
       type(c_funptr) :: previous
       type(c_ptr) :: stream
       integer(c_int) :: copy, descriptor, status
@@ -86,8 +87,8 @@ contains
       call write_output(text//new_line('a'))
    end subroutine say
 
-   !> Writes characters to standard output at once. The first failure is kept for `end_program`;
-   !> nothing is written after it.
+   !> Writes characters to standard output at once. Keeps the first failure for `end_program` and
+   !> writes nothing after it.
    subroutine write_output(text)
       character(*), intent(in) :: text
 
@@ -95,8 +96,8 @@ contains
       if (failure == 0) call write_all(standard_output, text, failure)
    end subroutine write_output
 
-   !> True if something written to standard output did not arrive. Network file systems report that
-   !> only when a descriptor is closed, so a copy of it is closed.
+   !> True if a write to standard output failed. Network file systems report that only when a
+   !> descriptor is closed, so a copy of it is closed.
    function output_is_lost() result(is_lost)
       logical :: is_lost
       integer(c_int) :: status
@@ -108,9 +109,8 @@ contains
       is_lost = failure /= 0
    end function output_is_lost
 
-   !> Ends the program with an exit code: exit_file instead of exit_done if standard output was
-   !> lost. That is reported, unless a reader such as `head` has ended. gfortran 11 has no `stop`
-   !> with quiet=.
+   !> Ends the program with an exit code: exit_file instead of exit_done if output was lost. Reports
+   !> that, unless a reader such as `head` has ended. (gfortran 11 has no `stop` with quiet=.)
    subroutine end_program(exit_code)
       integer, intent(in) :: exit_code
       integer(c_int), parameter :: epipe = 32   !! Linux
@@ -125,15 +125,14 @@ contains
       call c_exit(int(code, c_int))
    end subroutine end_program
 
-   !> Writes a message to standard error. Complaints about a scene begin with their places and are
-   !> written unchanged. Any other message begins with the program's name, in red on a terminal
-   !> unless NO_COLOR is set (https://no-color.org). For drivers, and for the procedures that end a
-   !> run for them.
+   !> Writes a message to standard error. Messages of several lines, complaints about a scene, stay
+   !> as they are; any other begins with the program's name, in red on a terminal unless NO_COLOR is
+   !> set (https://no-color.org).
    subroutine write_error(message)
       character(*), intent(in) :: message
       character(:), allocatable :: heading
       character, parameter :: escape = achar(27)
-      integer(c_int) :: ignored   ! there is no other place to say it
+      integer(c_int) :: ignored   ! a failure cannot be reported anywhere else
       logical :: is_plain
 
       heading = 'entroslip: '
@@ -144,7 +143,7 @@ contains
       call write_all(standard_error, heading//message//new_line('a'), ignored)
    end subroutine write_error
 
-   !> Writes all of a text to a descriptor, in as many pieces as the system takes.
+   !> Writes a text to a descriptor, in as many pieces as the system needs.
    subroutine write_all(descriptor, text, number)
       integer(c_int), intent(in) :: descriptor
       character(*), intent(in) :: text

@@ -1,6 +1,5 @@
-!> Numbers as text in their shortest form and back, and names, misspelt ones with them. Text that is
-!> not exactly a number of the wanted type is refused, with the rule that it breaks. Numbers for
-!> people to read: counts, durations, sizes, labelled lines.
+!> Text of numbers and numbers from text, the nearest known name of a misspelt one, and text of
+!> reports: counts, durations, sizes, lists, labelled lines.
 module core_text
    use core_kinds, only: long, wp
    implicit none(type, external)
@@ -9,18 +8,19 @@ module core_text
    public :: brief, counted, duration, joined, labelled, numbered, numbers_text, padded, &
              shell_word, size_text, suggestion
 
-   !> Shortest usual form of a value, without blanks: 7, -2.0, 1.5E-9, T.
+   !> Text of a value in the fewest digits, without blanks: 7, -2.0, 1.5E-9, .true.
    interface to_text
       module procedure text_of_integer, text_of_long, text_of_real, text_of_logical
    end interface to_text
 
    character(*), parameter :: digits = '0123456789'
-   integer, parameter :: largest_exponent = 100   !! of ten: products of a few values stay in range
+   integer, parameter :: largest_exponent = 100   !! so that products of three values are finite
    character(*), parameter :: line_feed = new_line('a')
-   integer, parameter :: label_width = 13, line_width = 80   !! of a report
+   integer, parameter :: label_width = 13, line_width = 80   !! characters, in reports
 
 contains
 
+   !> Digits of a whole number.
    pure function text_of_integer(value) result(text)
       integer, intent(in) :: value
       character(:), allocatable :: text
@@ -28,6 +28,7 @@ contains
       text = text_of_long(int(value, long))
    end function text_of_integer
 
+   !> Digits of a whole number of 64 bits.
    pure function text_of_long(value) result(text)
       integer(long), intent(in) :: value
       character(:), allocatable :: text
@@ -37,7 +38,7 @@ contains
       text = trim(buffer)
    end function text_of_long
 
-   !> A number in the fewest digits that read back as the same number; nan and inf as words.
+   !> Fewest digits that read back as the same number; words for infinities and NaNs.
    pure function text_of_real(value) result(text)
       real(wp), intent(in) :: value
       character(:), allocatable :: text
@@ -62,12 +63,11 @@ contains
       end if
    end function text_of_real
 
-   !> A number in `digits` digits. With `down` it is rounded down, so that a limit can be used as
-   !> printed.
+   !> Text of a number in so many significant digits.
    pure function rounded_text(value, digits, down) result(text)
       real(wp), intent(in) :: value
       integer, intent(in) :: digits
-      logical, intent(in), optional :: down
+      logical, intent(in), optional :: down   !! round down, for a limit that can be used as printed
       character(:), allocatable :: text
       real(wp) :: whole
       integer :: decimals
@@ -83,7 +83,7 @@ contains
       text = to_text(scaled(whole, -decimals))
    end function rounded_text
 
-   !> value times 10^power; 10^|power| is exact to |power| = 22.
+   !> Product of a value and 10^power; 10^|power| is exact up to |power| = 22.
    elemental real(wp) function scaled(value, power)
       real(wp), intent(in) :: value
       integer, intent(in) :: power
@@ -95,6 +95,7 @@ contains
       end if
    end function scaled
 
+   !> Fortran's constant of a logical.
    pure function text_of_logical(value) result(text)
       logical, intent(in) :: value
       character(:), allocatable :: text
@@ -102,8 +103,8 @@ contains
       text = trim(merge('.true. ', '.false.', value))
    end function text_of_logical
 
-   !> Parses digits with an optional sign; `rule` is allocated when the text is not a whole number
-   !> from -limit to limit. The value of one beyond them is limit.
+   !> Parses digits with an optional sign. `rule` is allocated if the text is not a whole number
+   !> from -limit to limit; `value` is then limit if it is a larger one.
    pure subroutine parse_integer(text, limit, value, rule)
       character(*), intent(in) :: text
       integer(long), intent(in) :: limit
@@ -123,7 +124,8 @@ contains
       value = limit
    end subroutine parse_integer
 
-   !> Reads a finite decimal number, with an exponent after e or d.
+   !> Parses a decimal number, with an optional exponent after e, d or q; `rule` is allocated if the
+   !> text is no such number or is out of range.
    pure subroutine parse_real(text, value, rule)
       character(*), intent(in) :: text
       real(wp), intent(out) :: value
@@ -162,7 +164,7 @@ contains
       rule = 'must be zero or of a magnitude from 1e-100 to 1e100'
    end subroutine parse_real
 
-   !> Parses the exponent after the mantissa: nothing, or a letter and a whole number.
+   !> Parses the exponent of a number: a letter and a whole number, or nothing.
    pure subroutine parse_exponent(text, exponent, rule)
       character(*), intent(in) :: text
       integer, intent(out) :: exponent
@@ -182,6 +184,7 @@ contains
       end if
    end subroutine parse_exponent
 
+   !> Position after an optional sign.
    pure integer function after_sign(text)
       character(*), intent(in) :: text
 
@@ -189,7 +192,7 @@ contains
       if (scan(text, '+-') == 1) after_sign = 2
    end function after_sign
 
-   !> The text in lower case.
+   !> Text in lower case.
    pure function lowered(text)
       character(*), intent(in) :: text
       character(len(text)) :: lowered
@@ -201,7 +204,8 @@ contains
       end do
    end function lowered
 
-   !> The known name nearest to `name`, in any case; blank if none is within a third of its letters.
+   !> Known name nearest to a misspelt one, whatever the case; blank if more than a third of the
+   !> letters differ.
    pure function nearest_name(name, known) result(nearest)
       character(*), intent(in) :: name
       character(*), intent(in) :: known(:)
@@ -219,7 +223,7 @@ contains
       end do
    end function nearest_name
 
-   !> Distance of two names: letters to insert, delete, replace or swap with their neighbour.
+   !> Number of letters to insert, delete, replace or swap with a neighbour between two names.
    pure integer function edit_distance(a, b) result(distance)
       character(*), intent(in) :: a, b
       integer :: d(0:len(a), 0:len(b)), i, j
@@ -239,7 +243,7 @@ contains
       distance = d(len(a), len(b))
    end function edit_distance
 
-   !> A line of a report: its label in the first column; broken at blanks to a terminal's width.
+   !> Line of a report: a label, then a text, broken at blanks to a terminal's width.
    pure function labelled(label, text) result(lines)
       character(*), intent(in) :: label, text
       character(:), allocatable :: lines
@@ -257,7 +261,7 @@ contains
       lines = lines//text(first:)//line_feed
    end function labelled
 
-   !> The label with at least one blank after it.
+   !> Text filled with blanks to a width, at least one.
    pure function padded(text, width)
       character(*), intent(in) :: text
       integer, intent(in) :: width
@@ -266,7 +270,7 @@ contains
       padded = text//repeat(' ', max(1, width - len(text)))
    end function padded
 
-   !> 'a, b, c'; 'nothing' for an empty list.
+   !> List of names such as 'a, b, c'; 'nothing' for an empty one.
    pure function joined(names) result(text)
       character(*), intent(in) :: names(:)
       character(:), allocatable :: text
@@ -280,7 +284,7 @@ contains
       if (text == '') text = 'nothing'
    end function joined
 
-   !> End of a complaint of a name that is not known: the nearest known one, or else all of them.
+   !> End of a complaint about an unknown name: the nearest known name, or else all of them.
    pure function suggestion(name, known) result(text)
       character(*), intent(in) :: name, known(:)
       character(:), allocatable :: text
@@ -291,7 +295,7 @@ contains
       if (nearest /= '') text = ', did you mean '//trim(nearest)//'?'
    end function suggestion
 
-   !> A path as a word of a shell command: quoted where it has blanks or signs of the shell.
+   !> Path as a word of a shell command, quoted if it has blanks or other special characters.
    pure function shell_word(path) result(word)
       character(*), intent(in) :: path
       character(:), allocatable :: word
@@ -309,7 +313,7 @@ contains
       word = word//quote
    end function shell_word
 
-   !> A count with its noun: 1 case, 2 cases.
+   !> Count with its noun: '1 case', '2 cases'.
    pure function counted(n, one, many) result(text)
       integer, intent(in) :: n
       character(*), intent(in) :: one, many
@@ -319,7 +323,7 @@ contains
       if (n == 1) text = to_text(n)//' '//one
    end function counted
 
-   !> Name with a number of three digits or more: c007.
+   !> Letter with a number of at least three digits, such as 'c007'.
    pure function numbered(letter, n) result(text)
       character, intent(in) :: letter
       integer, intent(in) :: n
@@ -329,22 +333,22 @@ contains
       text = letter//repeat('0', max(0, 3 - len(text)))//text
    end function numbered
 
-   !> The chosen numbers as 'p001 to p003, p005', or '12 processes' if that is long.
-   pure function numbers_text(letter, are_meant, many) result(text)
+   !> List of the chosen numbers such as 'p001 to p003, p005', or '12 processes' if that is long.
+   pure function numbers_text(letter, is_chosen, many) result(text)
       character, intent(in) :: letter
-      logical, intent(in) :: are_meant(:)
-      character(*), intent(in) :: many   !! plural of what has the numbers
+      logical, intent(in) :: is_chosen(:)
+      character(*), intent(in) :: many   !! plural of the numbered things
       character(:), allocatable :: text
       integer, parameter :: longest = 40
       integer :: first, last
 
       text = ''
       first = 1
-      do while (first <= size(are_meant))
+      do while (first <= size(is_chosen))
          last = first
-         if (are_meant(first)) then
-            do while (last < size(are_meant))
-               if (.not. are_meant(last + 1)) exit
+         if (is_chosen(first)) then
+            do while (last < size(is_chosen))
+               if (.not. is_chosen(last + 1)) exit
                last = last + 1
             end do
             if (text /= '') text = text//', '
@@ -353,13 +357,14 @@ contains
          end if
          first = last + 1
       end do
-      if (len(text) > longest) text = to_text(count(are_meant))//' '//many
+      if (len(text) > longest) text = to_text(count(is_chosen))//' '//many
    end function numbers_text
 
-   !> A number with three significant digits, without trailing zeros: 2, 0.067, 4.81e8.
+   !> Text of a number in three significant digits, without trailing zeros: 2, 0.067, 4.81e8.
    pure function brief(value) result(text)
       real(wp), intent(in) :: value
       character(:), allocatable :: text
+      character(:), allocatable :: exponent
       character(16) :: buffer
       real(wp) :: rounded
       integer :: e
@@ -367,26 +372,15 @@ contains
       write (buffer, '(es16.2e3)') value
       read (buffer, *) rounded
       text = to_text(rounded)
-      e = index(text, 'E')
-      if (e == 0) then
-         text = without_point(text)
-      else if (text(e + 1:e + 1) == '-') then
-         text = without_point(text(:e - 1))//'e-'//text(e + 2:)
-      else
-         text = without_point(text(:e - 1))//'e'//text(e + 2:)
-      end if
+      e = index(text//'E', 'E')
+      exponent = lowered(text(e:))
+      if (index(exponent, '+') == 2) exponent = 'e'//exponent(3:)
+      text = text(:e - 1)
+      if (index(text//' ', '.0 ') > 0) text = text(:e - 3)
+      text = text//exponent
    end function brief
 
-   pure function without_point(text) result(shorter)
-      character(*), intent(in) :: text
-      character(:), allocatable :: shorter
-
-      shorter = text
-      if (len(text) < 3) return
-      if (text(len(text) - 1:) == '.0') shorter = text(:len(text) - 2)
-   end function without_point
-
-   !> A duration in seconds, minutes, hours or days.
+   !> Text of a duration in seconds, minutes, hours or days.
    pure function duration(seconds) result(text)
       real(wp), intent(in) :: seconds
       character(:), allocatable :: text
@@ -404,7 +398,7 @@ contains
       end if
    end function duration
 
-   !> Bytes in kB, MB or GB.
+   !> Text of a size in kB, MB or GB.
    pure function size_text(bytes) result(text)
       real(wp), intent(in) :: bytes
       character(:), allocatable :: text

@@ -1,5 +1,5 @@
-!> Distribution of work on demand: a counter in the root's memory that is read and raised in one
-!> atomic operation.
+!> Distribution of work among ranks on demand, by a counter in the root's memory that is read and
+!> incremented in one atomic operation.
 module parallel_work
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_ptr
    use core_kinds, only: long
@@ -12,17 +12,16 @@ module parallel_work
    private
    public :: work_counter, new_counter
 
-   integer, parameter :: word_bytes = 8
+   integer, parameter :: word_bytes = 8   !! size of the counter
 
-   !> Counter that gives each item 1..n_items to one rank. A claim is one atomic operation on the
-   !> root's memory. If the network cannot do that itself, as with TCP, the root answers whenever it
-   !> is inside MPI (attend_to_others).
+   !> Counter that gives each of the items 1..n_items to one rank. If the network has no remote
+   !> atomic operations, as with TCP, the root answers when it is inside MPI (attend_to_others).
    type :: work_counter
       private
       type(world_type) :: world
       integer :: n_items = 0
-      integer(long) :: taken = 0           !! without other ranks: all there is to it
-      type(MPI_Win) :: window
+      integer(long) :: taken = 0   !! items taken, if there is one rank alone
+      type(MPI_Win) :: window      !! the same on the root, for several ranks
    contains
       procedure :: next
       procedure :: close => close_counter
@@ -53,11 +52,10 @@ contains
       call world%wait_for_all()
    end subroutine new_counter
 
-   !> The next item for this rank, or 0 if there is none left. After a call with `stops` no rank
-   !> gets an item.
+   !> Next item for this rank; 0 if none is left.
    function next(self, stops) result(item)
       class(work_counter), intent(inout) :: self
-      logical, intent(in) :: stops
+      logical, intent(in) :: stops   !! no rank gets an item any more
       integer :: item
       integer(long) :: before
 
@@ -73,7 +71,7 @@ contains
       if (before < self%n_items .and. .not. stops) item = int(before) + 1
    end function next
 
-   !> Frees the counter, after which nothing can be claimed; collective.
+   !> Frees the counter; collective.
    subroutine close_counter(self)
       class(work_counter), intent(inout) :: self
 
@@ -83,7 +81,7 @@ contains
       call MPI_Win_free(self%window)
    end subroutine close_counter
 
-   !> Combines a value into the root's word and returns its earlier value.
+   !> Value of the root's counter before an operation that replaces it by a value or adds the value.
    function exchange(self, value, operation) result(before)
       class(work_counter), intent(inout) :: self
       integer(long), intent(in) :: value

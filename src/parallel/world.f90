@@ -1,7 +1,7 @@
-!> The ranks of one run and their communication.
+!> Ranks of a run and their communication by MPI.
 !>
-!> Only this module and parallel_work, which owns memory that several ranks reach, use MPI. All
-!> ranks of the world must call a collective procedure, in the same order.
+!> Only this module and parallel_work use MPI. Collective procedures must be called by all ranks, in
+!> the same order.
 module parallel_world
    use, intrinsic :: iso_c_binding, only: c_int, c_null_char
    use core_error, only: error_type, exit_done, exit_file
@@ -18,7 +18,7 @@ module parallel_world
    public :: world_type, new_world, attend_to_others, mpi_library, start_world, stop_world, &
              was_launched
 
-   !> A group of ranks. Ranks count from 0, as MPI does; rank 0 is the root.
+   !> Group of ranks. Ranks are counted from 0, as in MPI; rank 0 is the root.
    type :: world_type
       type(MPI_Comm) :: comm
       integer :: rank = 0
@@ -37,21 +37,21 @@ module parallel_world
 
 contains
 
-   !> Starts all ranks that mpirun started, or this process alone.
+   !> Initializes MPI, for the ranks that mpirun started or for this process alone.
    subroutine start_world(world)
       type(world_type), intent(out) :: world
 
       if (.not. was_launched()) then
-         ! else Open MPI starts a daemon and probes every network that there is: 0.3 s
-         call suggest('OMPI_MCA_ess_singleton_isolated', '1')
-         call suggest('OMPI_MCA_pml', 'ob1')
-         call suggest('OMPI_MCA_btl', 'self')
+         ! Open MPI would start a daemon and probe all networks, for 0.3 s
+         call set_default('OMPI_MCA_ess_singleton_isolated', '1')
+         call set_default('OMPI_MCA_pml', 'ob1')
+         call set_default('OMPI_MCA_btl', 'self')
       end if
       call MPI_Init()
       world = new_world(MPI_COMM_WORLD)
    end subroutine start_world
 
-   !> Name and version of the MPI library, up to the first comma; needs no world.
+   !> Name and version of the MPI library; does not need MPI to be initialized.
    function mpi_library() result(text)
       character(:), allocatable :: text
       character(MPI_MAX_LIBRARY_VERSION_STRING) :: buffer
@@ -61,8 +61,8 @@ contains
       text = buffer(:scan(buffer(:length)//',', ','//achar(10)) - 1)
    end function mpi_library
 
-   !> Lets MPI answer other ranks; long work calls it now and then. Networks with remote memory
-   !> access need no answer, but over TCP a claim of work waits for it.
+   !> Lets MPI answer other ranks, for calls in long computations: over TCP a rank that claims work
+   !> waits for the root's answer. Networks with remote memory access need none.
    subroutine attend_to_others()
       logical :: unused
 
@@ -72,27 +72,27 @@ contains
    !> True if mpirun or the launcher of a batch system started this process.
    function was_launched()
       logical :: was_launched
-      character(*), parameter :: sign(*) = [character(20) :: 'OMPI_COMM_WORLD_SIZE', 'PMIX_RANK', &
+      character(*), parameter :: names(*) = [character(20) :: 'OMPI_COMM_WORLD_SIZE', 'PMIX_RANK', &
                                                                          'PMI_RANK', 'SLURM_PROCID']
       integer :: i, status
 
       was_launched = .true.
-      do i = 1, size(sign)
-         call get_environment_variable(trim(sign(i)), status=status)
+      do i = 1, size(names)
+         call get_environment_variable(trim(names(i)), status=status)
          if (status == 0) return
       end do
       was_launched = .false.
    end function was_launched
 
-   !> Sets an environment variable that the user has not set.
-   subroutine suggest(name, value)
+   !> Sets an environment variable unless it is set.
+   subroutine set_default(name, value)
       character(*), intent(in) :: name, value
       integer(c_int) :: status
 
       status = c_setenv(name//c_null_char, value//c_null_char, 0_c_int)
-   end subroutine suggest
+   end subroutine set_default
 
-   !> Ends the program with the same exit code on every rank: exit_file instead of exit_done if a
+   !> Ends the program with the same exit code on all ranks: exit_file instead of exit_done if a
    !> rank lost its standard output. Collective.
    subroutine stop_world(exit_code)
       integer, intent(in) :: exit_code
@@ -106,7 +106,7 @@ contains
       call end_program(code)
    end subroutine stop_world
 
-   !> The world of a communicator.
+   !> World of a communicator.
    function new_world(comm) result(world)
       type(MPI_Comm), intent(in) :: comm
       type(world_type) :: world
@@ -116,6 +116,7 @@ contains
       call MPI_Comm_size(comm, world%n_ranks)
    end function new_world
 
+   !> True on the root.
    pure function is_root(self)
       class(world_type), intent(in) :: self
       logical :: is_root
@@ -123,8 +124,8 @@ contains
       is_root = self%rank == 0
    end function is_root
 
-   !> Stops all ranks if any has an error. The root reports that of the lowest such rank, and all
-   !> end with its code. Collective; only drivers call it.
+   !> Ends the program on all ranks if any of them has an error: the root reports the error of the
+   !> lowest such rank, and all end with its exit code. Collective; only drivers call it.
    subroutine stop_on(self, error)
       class(world_type), intent(in) :: self
       type(error_type), allocatable, intent(in) :: error
@@ -141,7 +142,7 @@ contains
          exit_code = error%exit_code
          message = error%message
       end if
-      exit_code = self%maximum(exit_code)   ! the others have exit_done, which is 0, and no text
+      exit_code = self%maximum(exit_code)   ! exit_done = 0 and no text on the other ranks
       n = self%maximum(len(message))
       if (failed /= self%rank) message = repeat(' ', n)
       call MPI_Bcast(message, n, MPI_CHARACTER, failed, self%comm)
@@ -165,8 +166,8 @@ contains
       is_true = self%maximum(merge(1, 0, value)) == 1
    end function any_true
 
-   !> Adds up the values over the ranks; collective. If all ranks but one have zero, the sum is the
-   !> value of that rank to the last bit.
+   !> Replaces values by their sums over the ranks; collective. If all ranks but one have zero, the
+   !> sum equals the value of that rank to the last bit.
    subroutine add_up(self, n, values)
       class(world_type), intent(in) :: self
       integer, intent(in) :: n
@@ -175,7 +176,7 @@ contains
       call MPI_Allreduce(MPI_IN_PLACE, values, n, MPI_DOUBLE_PRECISION, MPI_SUM, self%comm)
    end subroutine add_up
 
-   !> Joins the values of all ranks in their order, for each of them; collective.
+   !> Replaces the values on each rank by those of all ranks, in the order of ranks; collective.
    subroutine join(self, values)
       class(world_type), intent(in) :: self
       real(wp), allocatable, intent(inout) :: values(:)
@@ -192,7 +193,7 @@ contains
       call move_alloc(joined, values)
    end subroutine join
 
-   !> Largest value over the ranks, returned to all; collective.
+   !> Largest value over the ranks; collective.
    function maximum(self, value) result(largest)
       class(world_type), intent(in) :: self
       integer, intent(in) :: value
@@ -201,19 +202,20 @@ contains
       call MPI_Allreduce(value, largest, 1, MPI_INTEGER, MPI_MAX, self%comm)
    end function maximum
 
-   !> Sends values from one rank (the root, or `from`) to all, which take their shape; collective. A
-   !> matrix is unallocated if it is.
+   !> Copies integers from the root, or from a rank `from`, to all ranks; collective.
    subroutine broadcast_integers(self, values, from)
       class(world_type), intent(in) :: self
       integer, allocatable, intent(inout) :: values(:)
       integer, intent(in), optional :: from
-      real(wp), allocatable :: column(:, :)   ! holds them exactly
+      real(wp), allocatable :: column(:, :)   ! exact
 
       if (allocated(values)) column = reshape(real(values, wp), [size(values), 1])
       call self%broadcast(column, from)
       values = nint(column(:, 1))
    end subroutine broadcast_integers
 
+   !> Copies a matrix from the root, or from a rank `from`, to all ranks, unallocated if it is so
+   !> there; collective.
    subroutine broadcast_matrix(self, values, from)
       class(world_type), intent(in) :: self
       real(wp), allocatable, intent(inout) :: values(:, :)
@@ -226,10 +228,11 @@ contains
       if (self%rank /= source(from) .and. allocated(values)) deallocate (values)
       if (extent(1) < 0) return
       if (self%rank /= source(from)) allocate (values(extent(1), extent(2)))
-      ! a section, as MPICH gives an array bounds from 0 where gfortran 11 compiled the call
+      ! a section, because MPICH gives an array bounds from 0 in calls compiled by gfortran 11
       call MPI_Bcast(values(:, :), size(values), MPI_DOUBLE_PRECISION, source(from), self%comm)
    end subroutine broadcast_matrix
 
+   !> Rank that broadcasts.
    pure function source(from)
       integer, intent(in), optional :: from
       integer :: source
