@@ -1,5 +1,5 @@
-!> Writes what its arguments say, for check_disk_faults.py: a store's shards, or solved processes,
-!> until it fails or has 60, or the results file of a store. The message goes to standard error, the
+!> Writes files that its arguments name, for check_disk_faults.py: shards or processes of a store,
+!> 60 or until one fails, or the results file of a store. The message goes to standard error; the
 !> exit code is the error's.
 program disk_faults
    use, intrinsic :: iso_fortran_env, only: error_unit

@@ -1,4 +1,4 @@
-!> A small campaign whose every number follows from case, sample and dof: nothing needs to be
+!> A small campaign whose numbers are formulas of case, sample and dof, so that nothing needs to be
 !> marched.
 module io_campaign
    use campaign_comparison, only: compare_slip, compare_spectra, numerical_error
@@ -28,11 +28,11 @@ module io_campaign
 
    integer, parameter, public :: n_dof = 3, n_frequencies = 130, n_steps = 20
    integer, parameter, public :: n_places = 96   !! batches of ranges of frequencies
-   integer, parameter, public :: n_samples = 5   !! of case 2; case 1 has one
+   integer, parameter, public :: n_samples = 5   !! samples of case 2; case 1 has one
 
 contains
 
-   !> A folder of its own for each test and process.
+   !> Path of a new folder for a test and process.
    function fresh_folder(name) result(folder)
       character(*), intent(in) :: name
       character(:), allocatable :: folder
@@ -201,7 +201,7 @@ contains
       model%inversion%seconds_of_fit = 0.125_wp
    end function made_model
 
-   !> Every process is that of made_model, as far as the scene knows.
+   !> All requests are that of made_model.
    subroutine ask_all(models)
       type(process_model_type), intent(inout) :: models(:)
       type(process_model_type) :: asked
@@ -240,7 +240,7 @@ contains
       end do
    end subroutine write_made_shards
 
-   !> The results file of the shards, as a run writes it; on demand with an audit of case 2.
+   !> Writes the results file of the shards as a run does, with an audit of case 2 if asked.
    subroutine write_made_results(path, store, error, has_audit)
       character(*), intent(in) :: path
       type(shard_store), intent(in) :: store

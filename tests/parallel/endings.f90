@@ -1,4 +1,4 @@
-!> Ends in the way that its first argument names; check_endings.py looks at how it ended.
+!> Ends as its first argument says, for check_endings.py.
 program endings
    use, intrinsic :: iso_fortran_env, only: output_unit
    use core_error, only: error_type, exit_done, exit_file, exit_no_solution, exit_stopped, raise
@@ -35,7 +35,7 @@ program endings
 
 contains
 
-   !> Claims work without end, until some rank hears of a signal and heeds it.
+   !> Claims work without end, until a rank receives a signal and stops all.
    subroutine work_until_signal(heeds_signals)
       logical, intent(in) :: heeds_signals
       type(work_counter) :: counter
