@@ -7,7 +7,7 @@ program storage
    use campaign_selection, only: selection_type
    use campaign_time_average, only: span_collector, start_spans
    use core_error, only: error_type
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use io_identity, only: identity_type
    use io_shards, only: list_shards, order_shards, read_shard, shard_type, stored_samples, &
                         write_shard

@@ -90,16 +90,16 @@ contains
    end subroutine require_same
 
    !> First differences between the settings of a file and those of the scene, and the number of the
-   !> others. Names that the file does not have come last.
+   !> others. Names that only the scene has come last.
    function difference(theirs, ours) result(text)
-      character(*), intent(in) :: theirs, ours   !! as in identity_type
+      character(*), intent(in) :: theirs, ours   !! settings of the file and of the scene
       character(:), allocatable :: text
       character, parameter :: line_feed = new_line('a')
       integer, parameter :: most_named = 3
       character(:), allocatable :: our_value, rest, their_value
       integer :: n
 
-      rest = theirs//line_feed//ours//line_feed
+      rest = theirs//line_feed//ours//line_feed   ! lines that are not compared yet
       text = ''
       n = 0
       do while (len(rest) > 0)

@@ -25,7 +25,7 @@ module io_shards
    !> Case and samples of a shard, or of a range of samples in an earlier results file.
    type, extends(block_range) :: shard_type
       character(32) :: group = ''   !! path of the case in a results file; '' for a shard
-      integer :: before = 0         !! samples in the file before the first one
+      integer :: file_offset = 0    !! samples in the file before the first one
    end type shard_type
 
    !> Shards from which samples are read. `read_shard` has checked their identity and checksums.
@@ -117,8 +117,8 @@ contains
       block%case_number = shard%case_number
       block%first_sample = shard%first
       block%n_samples = shard%last - shard%first + 1
-      call read_block(file, trim(shard%group), block, shard%before, 0, block%n_samples, .false., &
-                      error)
+      call read_block(file, trim(shard%group), block, shard%file_offset, 0, block%n_samples, &
+                      .false., error)
       call file%abandon()
       if (allocated(error) .and. shard%group == '') error%message = error%message//advice
    end subroutine read_shard
@@ -226,8 +226,9 @@ contains
                     to => min(shards(i)%last, last))
             call open_hdf5(path_of(self%store, shard), file, error)
             if (allocated(error)) return
-            call read_block(file, trim(shard%group), block, shard%before + from - shard%first, &
-                            from - first, to - from + 1, .true., error)
+            call read_block(file, trim(shard%group), block, &
+                            shard%file_offset + from - shard%first, from - first, to - from + 1, &
+                            .true., error)
          end associate
          call file%abandon()
          if (allocated(error)) return
@@ -259,7 +260,7 @@ contains
             if (allocated(error)) return
             group%file = file
             group%path = trim(shard%group)
-            call group%read_part(name, [first(:2), shard%before + from - shard%first + 1], &
+            call group%read_part(name, [first(:2), shard%file_offset + from - shard%first + 1], &
                                  values(:, :, from - first(3) + 1:to - first(3) + 1))
             call group%take_error(error)
          end associate
