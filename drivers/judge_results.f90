@@ -1,10 +1,11 @@
-!> Judges whether results are as accurate as their scene wants them, and samples until they are.
+!> Compares the errors of results with the accuracy targets of the scene, and adds samples until the
+!> targets are met.
 module driver_judge_results
    use campaign_plan, only: add_audits, plan_type
    use campaign_pooling, only: fewest_samples, sharing_cases
    use campaign_results, only: case_estimates, case_statistics
-   use campaign_samples_needed, only: find_need, is_of_record, needs_more_samples, slip_error, &
-      slip_error_of, statistical_error, with_own_records
+   use campaign_samples_needed, only: find_need, is_mostly_time_average, needs_more_samples, &
+                                      slip_error, slip_error_of, statistical_error, with_own_records
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: brief, counted, numbers_text, to_text
@@ -18,12 +19,13 @@ module driver_judge_results
    private
    public :: judge, need_words, take_more, tell_errors
 
-   real(wp), parameter :: most_of_a_march = 1.5_wp   !! steps, of one that draws its record too
+   !> Largest cost of a sample with its own record, which it draws, over that of one without.
+   real(wp), parameter :: cost_of_own_record = 1.5_wp
 
 contains
 
-   !> Refuses a results file that misses a target; names every target missed and what would meet
-   !> it.
+   !> Refuses a results file that misses a target; the message names all missed targets and what
+   !> would meet them.
    subroutine judge(path, plan, error)
       character(*), intent(in) :: path
       type(plan_type), intent(in) :: plan
@@ -52,16 +54,16 @@ contains
                                      'accurate as wanted'//failures)
    end subroutine judge
 
-   !> Says how far the mean times in slip of a results file can be trusted, and where nothing slips;
-   !> '' where it has no errors.
+   !> Writes one line of text on the errors of the mean times in slip in a results file, on cases
+   !> where no joint slips and on samples that are not steady; '' if there is nothing to say.
    subroutine tell_errors(path, plan, text, error)
       character(*), intent(in) :: path
       type(plan_type), intent(in) :: plan
       character(:), allocatable, intent(out) :: text
       type(error_type), allocatable, intent(out) :: error
       type(case_errors), allocatable :: errors(:)
-      type(slip_error) :: one, largest
-      logical, allocatable :: is_stuck(:)   ! (case) in all samples
+      type(slip_error) :: largest, of_case
+      logical, allocatable :: is_stuck(:)   ! (case) no joint slips in any sample
       integer :: i
 
       text = ''
@@ -72,10 +74,10 @@ contains
       do i = 1, size(errors)
          if (.not. allocated(errors(i)%statistics%numbers)) cycle
          is_stuck(i) = .not. any(errors(i)%statistics%numbers%value > 0.0_wp)
-         one = slip_error_of(errors(i)%statistics, 0, .false.)
-         if (statistical_error(one) > statistical_error(largest)) largest = one
+         of_case = slip_error_of(errors(i)%statistics, 0, .false.)
+         if (statistical_error(of_case) > statistical_error(largest)) largest = of_case
       end do
-      text = mean_words(plan, largest)
+      text = statistical_error_text(plan, largest)
       if (any(errors%n_audited > 0)) then
          if (text == '') then
             text = 'mean time in slip: '
@@ -95,7 +97,7 @@ contains
 
    contains
 
-      !> Adds a part of the line.
+      !> Adds a part to the line.
       subroutine add_part(part)
          character(*), intent(in) :: part
 
@@ -105,13 +107,13 @@ contains
 
    end subroutine tell_errors
 
-   !> The largest standard error of a mean time in slip, and what does not lower it; '' where there
-   !> is none.
-   pure function mean_words(plan, error) result(text)
+   !> Text on the largest standard error of a mean time in slip, and on what lowers it; '' without
+   !> an error.
+   pure function statistical_error_text(plan, error) result(text)
       type(plan_type), intent(in) :: plan
       type(slip_error), intent(in) :: error
       character(:), allocatable :: text
-      real(wp), parameter :: rounding = 1.0e-9_wp   ! [points], of joints that always slip, at most
+      real(wp), parameter :: rounding = 1.0e-9_wp   ! [points], of joints that always slip
 
       text = ''
       if (.not. plan%output%slip) return
@@ -120,13 +122,13 @@ contains
       else if (statistical_error(error) > rounding) then
          text = 'mean time in slip: standard error at most '//brief(statistical_error(error))// &
                 ' points'
-         if (is_of_record(error)) text = text//' (most of it time-average error: more steps '// &
-                                         'lower it, more samples do not)'
+         if (is_mostly_time_average(error)) text = text// &
+            ' (most of it time-average error: more steps lower it, more samples do not)'
       end if
-   end function mean_words
+   end function statistical_error_text
 
-   !> Numerical errors of one case that are surely above the targets, by twice the standard error
-   !> that an audit of a share of the samples leaves; a line each.
+   !> Lines on the numerical errors of a case that exceed their targets by more than twice the
+   !> standard error that an audit of a share of the samples leaves.
    function numerical_failures(plan, number, errors) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
@@ -140,9 +142,10 @@ contains
 
    contains
 
+      !> Line on one error; '' if it is not known to exceed its target.
       function judged(name, wanted, found, standard_error, unit) result(line)
          character(*), intent(in) :: name, unit
-         real(wp), intent(in) :: wanted   !! 0: not wanted
+         real(wp), intent(in) :: wanted   !! target; 0: none
          real(wp), intent(in) :: found, standard_error
          character(:), allocatable :: line
 
@@ -154,8 +157,8 @@ contains
 
    end function numerical_failures
 
-   !> Standard error of a case's mean where it is above the target, and what the case needs; else
-   !> empty.
+   !> Line on the standard error of a case's mean time in slip, with what would meet the target; ''
+   !> if it meets it.
    function statistical_failure(plan, number, error) result(text)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
@@ -175,12 +178,12 @@ contains
       end associate
    end function statistical_failure
 
-   !> Words on how to bring an error to the target: samples and steps, or, where that is less to
-   !> march, samples with a record of noise for each.
+   !> Text on the samples and steps that bring an error to the target, and on samples that each have
+   !> their own record of noise if these cost less.
    pure function need_words(plan, error, duration) result(text)
       type(plan_type), intent(in) :: plan
-      type(slip_error), intent(in) :: error      !! that is known
-      character(*), intent(in) :: duration       !! of the samples and steps; may be empty
+      type(slip_error), intent(in) :: error      !! known
+      character(*), intent(in) :: duration       !! text on their run time; may be empty
       character(:), allocatable :: text
       integer(long) :: n_own, n_samples, n_steps, unused
 
@@ -197,12 +200,13 @@ contains
          if (error%has_own_records) return
          if (all(plan%excitation%kind /= ['band_limited', 'psd         '])) return
          call find_need(with_own_records(error), wanted, how%n_steps - how%n_discard, n_own, unused)
-         if (most_of_a_march*n_own*how%n_steps &
+         if (cost_of_own_record*n_own*how%n_steps &
              < real(n_samples, wp)*real(n_steps + how%n_discard, wp)) &
             text = text//', or '//to_text(n_own)//' samples with excitation%per_sample = .true.'
       end associate
    end function need_words
 
+   !> Line on a target that a case misses.
    function failure(name, wanted, number, found) result(line)
       character(*), intent(in) :: name, found
       real(wp), intent(in) :: wanted
@@ -213,12 +217,12 @@ contains
              ' has '//found
    end function failure
 
-   !> Adds whole increments of samples to the cases that have not met the target and can by samples,
-   !> where the scene samples until it is met. Each decision follows from the first samples alone:
-   !> it is the same at any time and on any number of ranks. Collective.
+   !> Adds multiples of `increment` samples to the cases that miss target_statistical and can meet
+   !> it by more samples, if the scene has sample_until_met. The number depends only on the samples
+   !> so far: it is the same at any time and on any number of ranks. Collective.
    subroutine take_more(models, increment, plan, output, has_more, error)
       type(process_model_type), intent(in) :: models(:)
-      integer, intent(in) :: increment   !! samples
+      integer, intent(in) :: increment   !! number of samples
       type(plan_type), intent(inout) :: plan
       type(output_type), intent(inout) :: output
       logical, intent(out) :: has_more
@@ -231,7 +235,7 @@ contains
       call estimate_slip(plan, models, output, estimates, error)
       if (output%world%any_true(allocated(error))) return
       n_samples = plan%cases%n_samples
-      if (output%world%is_root()) call decide(plan, increment, estimates, n_samples)
+      if (output%world%is_root()) call choose_samples(plan, increment, estimates, n_samples)
       call output%world%broadcast(n_samples)
       has_more = any(n_samples > plan%cases%n_samples)
       if (.not. has_more) return
@@ -240,13 +244,12 @@ contains
       call output%look_again(plan, error)
    end subroutine take_more
 
-   !> Computes the best estimates of the slip fractions from the samples that are stored.
-   !> Collective.
+   !> Computes the best estimates of the slip fractions from the stored samples. Collective.
    subroutine estimate_slip(plan, models, output, estimates, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
       type(output_type), intent(in) :: output
-      type(case_estimates), intent(out) :: estimates(:)   !! (case); on the root
+      type(case_estimates), intent(out) :: estimates(:)   !! (case) on the root
       type(error_type), allocatable, intent(out) :: error
       type(stored_samples) :: stored
       type(case_statistics) :: statistics(size(plan%cases))
@@ -266,15 +269,15 @@ contains
                           estimates, error)
    end subroutine estimate_slip
 
-   !> Chooses the number of samples that each case goes on to.
-   subroutine decide(plan, increment, estimates, n_samples)
+   !> Chooses the new number of samples of each case.
+   subroutine choose_samples(plan, increment, estimates, n_samples)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: increment
       type(case_estimates), intent(in) :: estimates(:)   !! (case)
       integer, intent(inout) :: n_samples(:)             !! (case)
       type(slip_error) :: error
       integer(long) :: n, n_steps
-      integer :: i, n_cases(size(plan%cases)), n_times
+      integer :: i, k, n_cases(size(plan%cases))   ! k: number of increments
 
       n_cases = sharing_cases(plan)
       associate (wanted => plan%accuracy%target_statistical)
@@ -285,12 +288,12 @@ contains
             call find_need(error, wanted, plan%integration%n_steps, n, n_steps)
             if (n_cases(i) > 0 .and. n_samples(i) < fewest_samples) &
                n = min(n, 2_long*fewest_samples)
-            ! half of what seems to be needed: an error that came out too large wastes nothing
-            n_times = n_samples(i)/increment
-            n_times = max(n_times + 1, int(min((n/2 - 1)/increment + 1, 10_long*n_times)))
-            n_samples(i) = n_times*increment
+            ! half of the samples needed: if the error is stated too large, no samples are wasted
+            k = n_samples(i)/increment
+            k = max(k + 1, int(min((n/2 - 1)/increment + 1, 10_long*k)))
+            n_samples(i) = k*increment
          end do
       end associate
-   end subroutine decide
+   end subroutine choose_samples
 
 end module driver_judge_results

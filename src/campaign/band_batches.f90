@@ -1,13 +1,14 @@
-!> How far the bands of uncertainty are from those of an endless march: pseudo-variances, Eq. (46),
-!> of the mean and of each percentile over samples, and the ratio of the outer ones, in consecutive
-!> batches of the march, whose scatter gives their standard errors.
+!> Time-average errors of the bands of uncertainty, from consecutive batches of the march: of the
+!> pseudo-variances, Eq. (46), of the mean and of each percentile over samples, and of the band
+!> ratio.
 !>
-!> The record that the samples share moves all of them, and more of them do not average it out. It
-!> moves a percentile as it moves, on average, the samples that stand there; whatever more a single
-!> one of them does is in the errors over samples. So the density of a percentile in a batch is
-!> that of the whole march, times the mean over the samples within the interval of its rank (95 %)
-!> of the power of each in that batch, relative to its power in all, within a range of frequencies
-!> about. Full spectra of every batch would say no more at eight times their size.
+!> The force record that the samples share changes the response of all of them, and more samples do
+!> not average that out. A percentile changes as the samples near its rank do on average; the
+!> deviations of single samples from that are in the Monte Carlo errors. So the density of a
+!> percentile in a batch is estimated as that of the whole march times the mean, over the samples in
+!> the 95 % interval of its rank, of the power of a sample in this batch over its mean power in all
+!> batches, within a range of frequencies. Full spectra of every batch would take eight times the
+!> memory and tell no more.
 module campaign_band_batches
    use campaign_results, only: case_statistics
    use core_kinds, only: long, wp
@@ -16,11 +17,11 @@ module campaign_band_batches
    private
    public :: batch_collector, start_batches
 
-   !> Ratio of two powers that vanish.
+   !> Quiet NaN: ratio of two powers that are zero.
    real(wp), parameter, public :: not_a_number = transfer(int(z'7FF8000000000000', long), 0.0_wp)
 
-   !> Collects one case. Ranges of frequencies may be taken by different ranks: sums over the ranks
-   !> of `variance` make a collector that has all.
+   !> Sums of one case. Ranks may add different frequencies: `variance` is then summed over the
+   !> ranks.
    type :: batch_collector
       !> (batch, mean or percentile, dof, slice) pseudo-variances [m^2]
       real(wp), allocatable :: variance(:, :, :, :)
@@ -34,22 +35,23 @@ contains
    !> Prepares a collector.
    pure subroutine start_batches(n_percentiles, n_dof, n_slices, collector)
       integer, intent(in) :: n_percentiles, n_dof
-      integer, intent(in) :: n_slices   !! in which the frequencies come
+      integer, intent(in) :: n_slices   !! number of slices that are added
       type(batch_collector), intent(out) :: collector
 
       allocate (collector%variance(n_batches, n_percentiles + 1, n_dof, n_slices), source=0.0_wp)
    end subroutine start_batches
 
-   !> Adds one frequency of one dof.
+   !> Adds one frequency of one dof of one slice.
    pure subroutine add(self, slice, dof, density, ranking, power, at, low, high)
       class(batch_collector), intent(inout) :: self
       integer, intent(in) :: slice, dof
       real(wp), intent(in) :: density(:)         !! (sample) [m^2/Hz]
-      integer, intent(in) :: ranking(:)            !! of the samples, ascending
+      integer, intent(in) :: ranking(:)          !! samples in ascending order of density
       real(wp), intent(in) :: power(:, :)        !! (batch, sample) in the range of the frequency
-      real(wp), intent(in) :: at(:)              !! mean and percentiles, times the step [m^2]
+      real(wp), intent(in) :: at(:)              !! mean and percentiles times frequency step [m^2]
       real(wp), intent(in) :: low(:), high(:)    !! (percentile) ends of the interval of its rank
-      real(wp) :: relative(n_batches, size(density)), weighted(n_batches)   ! 1 on average
+      ! relative: power of a sample over its mean of all batches
+      real(wp) :: relative(n_batches, size(density)), weighted(n_batches)
       integer :: i, n, p
 
       n = size(density)
@@ -70,8 +72,9 @@ contains
       end associate
    end subroutine add
 
-   !> Computes the time-average errors once all frequencies of all ranks are added and the band
-   !> ratios known; NaN for the ratio of a dof that does not move in a batch.
+   !> Computes the time-average errors after all frequencies of all ranks are added. Uses the band
+   !> ratios in `statistics`. The error of the band ratio of a dof that does not move in a batch is
+   !> NaN.
    pure subroutine finish(self, statistics)
       class(batch_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics

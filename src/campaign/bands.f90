@@ -1,18 +1,18 @@
 !> Bands of uncertainty: percentiles over samples at each frequency, their pseudo-variances,
-!> Eq. (46), and the ratio of the outer ones.
+!> Eq. (46), and the band ratio, of the last percentile's pseudo-variance to the first one's.
 !>
-!> Integrals over all frequencies have their errors from the influences of samples on the logarithms
-!> of percentiles, which add up over frequencies: standard errors of the pseudo-variances, and for
-!> the ratio the interval ratio exp(+-1.96 s), s the standard error of its logarithm. Biases add up
-!> as well, and are in the errors, squared: percentiles of few samples lie inward.
+!> Errors of integrals over frequency come from the influences of samples on the logarithms of
+!> percentiles, which are summed over frequencies. They give standard errors of the pseudo-variances
+!> and the interval of the band ratio, ratio exp(+-1.96 s), where s is the standard error of its
+!> logarithm. Biases (percentiles of few samples lie inward) are summed too, and their squares are
+!> included in the squared errors.
 !>
-!> Memory does not grow with n_samples: spectra come a range of frequencies and a group of samples
-!> at a time, and the influences of neighbouring samples are kept as one.
+!> Memory does not grow with n_samples: spectra are added by ranges of frequencies and groups of
+!> samples, and the influences of neighbouring samples are summed in bins.
 !>
-!> Ranges of frequencies and groups may be taken by different ranks: sums over the ranks of
-!> columns%sums, columns%at, influence, bias and batches%variance, zero where nothing was added,
-!> make a collector that has all. Groups are joined in their order, so the sums have the same bits
-!> on any number of ranks; columns%at alone has not, before the selection.
+!> Ranks may add different ranges and groups: columns%sums, columns%at, influence, bias and
+!> batches%variance are then summed over the ranks. Groups are joined in their order, so the results
+!> have the same bits on any number of ranks; columns%at has them after the selection.
 module campaign_bands
    use campaign_band_batches, only: batch_collector, not_a_number, start_batches
    use campaign_columns, only: column_collector, high, low, start_columns
@@ -26,21 +26,21 @@ module campaign_bands
    private
    public :: band_collector, start_bands, most_bins
 
-   integer, parameter :: most_bins = 512        !! of samples, whose influences are kept
-   real(wp), parameter :: at_rest = 1.0e-30_wp  !! of the largest density: none of a sample is less
+   integer, parameter :: most_bins = 512        !! number of bins of samples
+   real(wp), parameter :: at_rest = 1.0e-30_wp  !! least density in logarithms, over the largest
 
-   !> Collects the spectra of one case, by ranges of frequencies and groups of samples.
+   !> Sums over the spectra of one case.
    type :: band_collector
       integer :: n_dof = 0, n_frequencies = 0
-      type(column_collector) :: columns            !! densities: dof + n_dof (frequency - 1)
+      type(column_collector) :: columns            !! densities: column dof + n_dof (frequency - 1)
       !> (bin, statistic, dof, slice, group) influences of the samples of a bin on the integrals of
       !> the mean and the percentiles
       real(wp), allocatable :: influence(:, :, :, :, :)
       real(wp), allocatable :: bias(:, :, :, :)    !! (statistic, dof, slice, group) of integrals
-      type(batch_collector) :: batches             !! of the march
-      integer, private :: bin_width = 1            !! samples whose influences are kept as one
-      real(wp), private :: step = 0.0_wp           !! between frequencies [Hz]
-      integer, allocatable, private :: last_of_range(:)   !! (range) as last_of_ranges has them
+      type(batch_collector) :: batches             !! time-average errors
+      integer, private :: bin_width = 1            !! number of samples of a bin
+      real(wp), private :: step = 0.0_wp           !! frequency step [Hz]
+      integer, allocatable, private :: last_of_range(:)   !! (range) as in last_of_ranges
    contains
       procedure :: add
       procedure :: finish
@@ -55,9 +55,9 @@ contains
       integer, intent(in) :: n_samples, n_dof
       real(wp), intent(in) :: frequency(:)      !! (frequency) [Hz], equally spaced from 0
       real(wp), intent(in) :: percentiles(:)    !! [%]
-      integer, intent(in) :: n_slices            !! in which the frequencies come
+      integer, intent(in) :: n_slices            !! number of slices of the frequencies
       type(band_collector), intent(out) :: collector
-      logical, intent(in), optional :: follows_power   !! `add` gets it
+      logical, intent(in), optional :: follows_power   !! true: `add` is called with power
       integer :: g, n_groups, widest
 
       collector%n_dof = n_dof
@@ -78,14 +78,13 @@ contains
          call start_batches(size(percentiles), n_dof, n_slices*n_groups, collector%batches)
    end subroutine start_bands
 
-   !> Takes the spectra of a group's samples at frequencies first, first + 1, ..., which belong to
-   !> one slice. Frequencies of a slice come in order. `power`: how their power varies along the
-   !> march, where it was followed.
+   !> Adds the spectra of a group of samples at frequencies first, first + 1, ... of one slice.
+   !> Frequencies of a slice are added in ascending order.
    pure subroutine add(self, slice, first, group, psd, power)
       class(band_collector), intent(inout) :: self
       integer, intent(in) :: slice, first, group
       real(wp), intent(in) :: psd(:, :, :)   !! (dof, frequency, sample), one-sided [m^2/Hz]
-      !> (dof, batch and range, sample) from the range of the first frequency on
+      !> (dof, batch and range, sample) power series, from the range of the first frequency on
       real(wp), intent(in), optional :: power(:, :, :)
       type(estimates_type) :: estimates
       integer :: ranking(size(psd, 3), size(psd, 2))
@@ -131,7 +130,7 @@ contains
       end do
    end subroutine add
 
-   !> First place of the power series of a frequency's range; those of lower ranges lie before.
+   !> Place in the power series of the first batch of the range that a frequency belongs to.
    pure integer function first_of_power(self, frequency)
       class(band_collector), intent(in) :: self
       integer, intent(in) :: frequency
@@ -139,9 +138,9 @@ contains
       first_of_power = 1 + n_batches*count(self%last_of_range < frequency)
    end function first_of_power
 
-   !> Adds the influences of a group's samples to those of their bins.
+   !> Adds the influences of the samples of a group to their bins.
    pure subroutine add_to_bins(width, influence, bins)
-      integer, intent(in) :: width               !! samples of a bin
+      integer, intent(in) :: width               !! number of samples of a bin
       real(wp), intent(in) :: influence(:)       !! (sample)
       real(wp), intent(inout) :: bins(:)
       integer :: i
@@ -153,9 +152,9 @@ contains
       end do
    end subroutine add_to_bins
 
-   !> Computes, once all frequencies of all ranks are added, the statistics, the errors of the
-   !> pseudo-variances, and the ratio of the last percentile's to the first one's; NaN for a dof
-   !> that does not move in that share of the samples.
+   !> Computes the statistics and the errors of pseudo-variances and band ratios after all
+   !> frequencies of all ranks are added. A band ratio is NaN if the pseudo-variance of the first
+   !> percentile is 0.
    pure subroutine finish(self, statistics)
       class(band_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics
@@ -179,13 +178,13 @@ contains
       if (allocated(self%batches%variance)) call self%batches%finish(statistics)
    end subroutine finish
 
-   !> Computes the errors of the integrals of one dof, and the ratio of the outer ones.
+   !> Computes the errors of the pseudo-variances of one dof, and its band ratio.
    pure subroutine find_errors(n_samples, influence, bias, integrals, ratio_bias)
       integer, intent(in) :: n_samples
       real(wp), intent(in) :: influence(:, :, :)   !! (bin, statistic, group)
       real(wp), intent(in) :: bias(:)              !! (statistic)
-      type(statistic_type), intent(inout) :: integrals(:)   !! (statistic), last the ratio
-      real(wp), intent(out) :: ratio_bias          !! relative
+      type(statistic_type), intent(inout) :: integrals(:)   !! (statistic), the band ratio last
+      real(wp), intent(out) :: ratio_bias          !! relative bias of the band ratio
       real(wp) :: by_bin(size(influence, 1)*size(influence, 3), size(bias)), spread
       integer :: s
 

@@ -1,15 +1,14 @@
-!> Plain statistics of many columns of numbers, each one number of every sample, from samples that
-!> come in groups: moments, and percentiles with the ends of their 95 % intervals.
+!> Plain statistics of many columns of numbers: moments, and percentiles with their 95 % intervals.
+!> A column holds one number of every sample. Samples are added in groups.
 !>
-!> Percentiles interpolate linearly between order statistics (Hyndman and Fan, type 7). Their
-!> intervals are order statistics (binomial, 95 %); where samples are too few for an end, it lies
-!> beyond them. Where there is more than one group, percentiles averaged over the groups are where
-!> those of all samples are looked for: `open_selection`, to which all values are added again, and
+!> Percentiles interpolate linearly between order statistics (Hyndman and Fan, type 7). The ends of
+!> their intervals are order statistics (binomial, 95 %), or lie beyond all samples if these are too
+!> few. With more than one group, the percentiles averaged over the groups tell where to select the
+!> order statistics of all samples: `open_selection`, to which all values are added again, and
 !> `take_selected`.
 !>
-!> Groups may be taken by different ranks: sums over the ranks of `sums` and `at`, which are zero
-!> where nothing was added, make a collector that has all. `at` has the same bits on any number of
-!> ranks only after the selection.
+!> Ranks may add different groups: `sums` and `at` are then summed over the ranks. `at` has the same
+!> bits on any number of ranks only after the selection.
 module campaign_columns
    use campaign_selection, only: selection_type, start_selection
    use core_kinds, only: long, wp
@@ -22,18 +21,18 @@ module campaign_columns
    private
    public :: column_collector, start_columns, largest_group, sample_groups
 
-   integer, parameter :: largest_group = 2**14    !! samples sorted together
+   integer, parameter :: largest_group = 2**14    !! number of samples sorted at once
    integer, parameter, public :: middle = 1, low = 2, high = 3   !! percentile, ends of its interval
 
-   !> Collects numbers of every sample.
+   !> Sums and percentiles of the columns.
    type :: column_collector
       integer :: n_samples = 0, n_percentiles = 0
-      integer :: n_groups = 0   !! more than one: the percentiles of all samples are selected
-      integer, allocatable :: group_first(:)   !! (group + 1) first sample; behind the last: n + 1
-      real(wp), allocatable :: sums(:, :, :)   !! (sum, column, group) as sums_of has them
+      integer :: n_groups = 0   !! if more than 1, the percentiles of all samples must be selected
+      integer, allocatable :: group_first(:)   !! (group) first sample; last, n_samples + 1
+      real(wp), allocatable :: sums(:, :, :)   !! (sum as in sums_of, column, group)
       real(wp), allocatable :: at(:, :, :)     !! (column, percentile; middle, low or high)
-      real(wp), allocatable :: share_below(:)  !! (percentile)
-      !> (percentile; middle, low or high) in 1..n; 0 or n + 1 of an end beyond the samples
+      real(wp), allocatable :: share_below(:)  !! (percentile) percentile/100
+      !> (percentile; middle, low or high) rank among all samples; 0 or n_samples + 1: beyond them
       real(wp), allocatable, private :: rank(:, :)
    contains
       procedure :: group_size
@@ -48,7 +47,7 @@ module campaign_columns
 
 contains
 
-   !> First samples of groups of nearly equal size, as few as possible; behind the last, n + 1.
+   !> First samples of the fewest groups of nearly equal size; last, n_samples + 1.
    pure function sample_groups(n_samples) result(first)
       integer, intent(in) :: n_samples
       integer, allocatable :: first(:)   !! (group + 1)
@@ -80,7 +79,7 @@ contains
                 collector%at(n_columns, size(percentiles), 3), source=0.0_wp)
    end subroutine start_columns
 
-   !> Number of a group's samples.
+   !> Number of samples of a group.
    pure integer function group_size(self, group)
       class(column_collector), intent(in) :: self
       integer, intent(in) :: group
@@ -88,8 +87,8 @@ contains
       group_size = self%group_first(group + 1) - self%group_first(group)
    end function group_size
 
-   !> Ranks in a group of m samples that are expected at the same probability, rank/(m + 1), as the
-   !> ranks among all samples.
+   !> Ranks in a group of m samples with the same probability, rank/(m + 1), as the ranks among all
+   !> samples.
    pure function ranks_in_group(self, m) result(rank)
       class(column_collector), intent(in) :: self
       integer, intent(in) :: m
@@ -99,7 +98,7 @@ contains
       rank = max(1.0_wp, min(rank, real(m, wp)))
    end function ranks_in_group
 
-   !> True if no sample is where an interval ends.
+   !> True if the end of an interval is beyond all samples.
    pure logical function is_beyond(self, p, which)
       class(column_collector), intent(in) :: self
       integer, intent(in) :: p, which   !! percentile; middle, low or high
@@ -107,13 +106,13 @@ contains
       is_beyond = self%rank(p, which) < 1.0_wp .or. self%rank(p, which) > self%n_samples
    end function is_beyond
 
-   !> Adds a group's values of one column; hands back their percentiles and order where wanted.
+   !> Adds the values of a group in one column; returns their percentiles and order on demand.
    pure subroutine add(self, column, group, values, in_group, ranking)
       class(column_collector), intent(inout) :: self
       integer, intent(in) :: column, group
       real(wp), intent(in) :: values(:)                !! (sample)
       real(wp), intent(out), optional :: in_group(:)   !! (percentile)
-      integer, intent(out), optional :: ranking(:)     !! of the samples, ascending
+      integer, intent(out), optional :: ranking(:)     !! samples in ascending order
       integer :: ascending(size(values)), p, which
       real(wp), dimension(self%n_percentiles, 3) :: percentile, rank
       real(wp) :: sorted(size(values))
@@ -135,14 +134,14 @@ contains
       if (present(ranking)) ranking = ascending
    end subroutine add
 
-   !> Prepares to select the order statistics of all samples in columns first..last: those on both
-   !> sides of each percentile, and the ends of its interval. The groups know the interval to a
-   !> third of its width; its bracket is three times as wide.
+   !> Starts the selection of the order statistics of all samples in columns first..last: those on
+   !> both sides of each percentile, and the ends of its interval. The interval averaged over the
+   !> groups is accurate to a third of its width; its bracket is three times as wide.
    pure subroutine open_selection(self, first, last, selection)
       class(column_collector), intent(in) :: self
       integer, intent(in) :: first, last
       type(selection_type), intent(out) :: selection
-      real(wp), parameter :: rounding = 1.0e-12_wp   ! of the mean over groups
+      real(wp), parameter :: rounding = 1.0e-12_wp   ! relative, of means over groups
       real(wp) :: bracket(2, self%n_percentiles, last - first + 1)
       integer :: c, p, place(4, self%n_percentiles)
 
@@ -159,24 +158,25 @@ contains
       call start_selection(place, bracket, selection)
    end subroutine open_selection
 
-   !> Puts the order statistics of a percentile that were selected in the place of the groups'.
+   !> Replaces the mean over the groups of a percentile and its interval by the order statistics of
+   !> all samples.
    pure subroutine take_selected(self, column, p, found)
       class(column_collector), intent(inout) :: self
       integer, intent(in) :: column, p
-      real(wp), intent(in) :: found(:)   !! as open_selection wants them
+      real(wp), intent(in) :: found(:)   !! order statistics, as listed by open_selection
 
       self%at(column, p, :) = [found(1) + (self%rank(p, middle) - self%below(p)) &
                                *(found(2) - found(1)), found(3), found(4)]
    end subroutine take_selected
 
-   !> Computes the statistics, once all groups are added and the percentiles of all samples
+   !> Computes the statistics after all groups are added and the percentiles of all samples are
    !> selected.
    pure subroutine finish(self, statistics, deviations, freedoms)
       class(column_collector), intent(in) :: self
       !> (column, statistic) mean and percentiles
       type(statistic_type), intent(out) :: statistics(size(self%at, 1), self%n_percentiles + 1)
       type(statistic_type), intent(out), optional :: deviations(size(self%at, 1))   !! standard
-      real(wp), intent(out), optional :: freedoms(size(self%at, 1))   !! Student's, of the mean
+      real(wp), intent(out), optional :: freedoms(size(self%at, 1))   !! Student's, of means
       real(wp) :: sums(n_sums)
       integer :: column, group
 
@@ -193,12 +193,12 @@ contains
             percentiles%value = self%at(column, :, middle)
             percentiles%low = self%at(column, :, low)
             percentiles%high = self%at(column, :, high)
-            call uncross(percentiles)   ! ends beyond the samples may be
+            call uncross(percentiles)   ! ends beyond the samples may cross
          end associate
       end do
    end subroutine finish
 
-   !> Place of the order statistic below a percentile.
+   !> Number of the order statistic below a percentile.
    pure integer function below(self, p)
       class(column_collector), intent(in) :: self
       integer, intent(in) :: p

@@ -1,12 +1,11 @@
-!> How far two marches of the same samples are apart in what is published of a case: the numerical
-!> error of the first, where the second is much better.
+!> Differences of two marches of the same samples in the published numbers of a case: the numerical
+!> error of the tested march, if the reference is much more accurate.
 !>
-!> Both marches met the same friction and the same force, so the differences belong to the method
-!> and its settings alone (the response is a contraction: even long histories stay comparable).
-!> Where only some of a case's samples were marched twice, the standard errors say how far the
-!> differences over all samples may be from those found: jackknife, leaving one sample out, times
-!> the root of the share that was not compared; zero when all were. For percentiles the jackknife is
-!> rough, as it is not consistent for one quantile; integrals over many frequencies smooth it.
+!> Both marches have the same friction and force, so the differences are due to the method and its
+!> settings alone (the response is a contraction: even long histories stay comparable). If n of N
+!> samples were compared, a difference over all N has the standard error of a jackknife over the n,
+!> times sqrt(1 - n/N). For percentiles the jackknife is rough, as it is not consistent for one
+!> quantile; integrals over many frequencies smooth it.
 module campaign_comparison
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
@@ -18,45 +17,46 @@ module campaign_comparison
    public :: numerical_error, spectrum_comparison, compare_slip, compare_spectra
    public :: slip_error, band_ratio_error, ratio_replicates, change_of_ratios
 
-   real(wp), parameter :: points = 100.0_wp   !! of percent in a fraction
+   real(wp), parameter :: points = 100.0_wp   !! percentage points of a fraction of 1
 
-   !> Differences of the first march from the second in what is published, (joint or dof), with
-   !> their standard errors, of which one sample tells nothing. Not allocated: not asked for, or it
-   !> needs two samples.
+   !> Differences of the tested march from the reference, with their standard errors (zero for one
+   !> sample). A difference is not allocated if its result is not kept, or needs two samples.
    type :: numerical_error
-      integer :: n_samples = 0                                !! that were compared
-      type(statistic_type), allocatable :: slip_mean(:)       !! of the mean slip fraction [points]
-      type(statistic_type), allocatable :: slip_rms(:)        !! over samples, of one [points]
-      type(statistic_type), allocatable :: slip_std(:)        !! of the std over samples [points]
-      real(wp), allocatable :: slip_largest(:)                !! (joint) of one sample [points]
-      !> integral over frequency of the absolute difference of the mean densities, relative to that
-      !> of the density
+      integer :: n_samples = 0   !! number of samples compared
+      !> (joint) differences of slip fractions [points]: of the mean, rms over samples, of the
+      !> standard deviation, largest of a sample
+      type(statistic_type), allocatable :: slip_mean(:)
+      type(statistic_type), allocatable :: slip_rms(:)
+      type(statistic_type), allocatable :: slip_std(:)
+      real(wp), allocatable :: slip_largest(:)
+      !> (dof) integral over frequency of the absolute difference of the mean densities, relative to
+      !> the integral of the reference
       type(statistic_type), allocatable :: psd_mean(:)
-      type(statistic_type), allocatable :: psd_percentiles(:, :)   !! (dof, percentile) alike
-      !> relative, of the ratio of the last to the first percentile's pseudo-variance; 0 for a dof
-      !> that does not move in that share of the samples
+      type(statistic_type), allocatable :: psd_percentiles(:, :)   !! (dof, percentile) the same
+      !> (dof) relative difference of the band ratio; 0 for a dof that does not move in so many
+      !> samples that the first percentile is 0
       type(statistic_type), allocatable :: band_ratio(:)
    end type numerical_error
 
-   !> Spectra that exist twice, compared range by range of their frequencies, in ascending order.
+   !> Comparison of spectra, to which ranges of frequencies are added.
    type :: spectrum_comparison
       private
       real(wp), allocatable :: percentiles(:)   !! [%], ascending
-      !> (mean (0) or percentile; all samples (0) or all but the i-th; which, dof) over frequency
+      !> (0: mean, or percentile; 0: all samples, or all but the i-th; integrand, dof)
       real(wp), allocatable :: integral(:, :, :, :)
    contains
       procedure :: add
       procedure :: finish
    end type spectrum_comparison
 
-   !> Integrals of the densities of the first march, of the second, of their absolute difference.
-   integer, parameter :: of_tested = 1, of_reference = 2, of_difference = 3
+   !> Integrands: density of the tested march, of the reference, absolute difference of both.
+   integer, parameter :: tested_psd = 1, reference_psd = 2, psd_difference = 3
 
 contains
 
-   !> The numerical error of the slip fractions that counts against a target [points]: the largest
-   !> over the dofs of the rms over samples. It bounds the error of the mean, and nearly (by the
-   !> root of n/(n - 1)) that of the standard deviation, and no errors cancel in it.
+   !> Numerical error of slip fractions that is judged by a target [points]: largest over the joints
+   !> of the rms over samples. It bounds the error of the mean and, but for a factor
+   !> sqrt(n/(n - 1)), that of the standard deviation; errors of samples do not cancel in it.
    pure function slip_error(errors) result(largest)
       type(numerical_error), intent(in) :: errors
       real(wp) :: largest
@@ -64,8 +64,8 @@ contains
       largest = maxval(errors%slip_rms%value)
    end function slip_error
 
-   !> The numerical error of the band ratios that counts against a target: the largest over the
-   !> dofs, relative; 0 where there are no bands.
+   !> Numerical error of band ratios that is judged by a target: relative, largest over the dofs; 0
+   !> without bands.
    pure function band_ratio_error(errors) result(largest)
       type(numerical_error), intent(in) :: errors
       real(wp) :: largest
@@ -74,9 +74,8 @@ contains
       if (allocated(errors%band_ratio)) largest = maxval(abs(errors%band_ratio%value))
    end function band_ratio_error
 
-   !> Ratio of the last to the first percentile's pseudo-variance, Eq. (46), of all samples
-   !> (replicate 0) and of all but the i-th (1..n); 0 for a dof that does not move in that share of
-   !> the samples.
+   !> Band ratios of all samples (replicate 0) and of all but the i-th (1..n): pseudo-variance,
+   !> Eq. (46), of the last percentile over that of the first; 0 if that of the first is 0.
    pure function ratio_replicates(psd, percentiles) result(ratios)
       real(wp), intent(in) :: psd(:, :, :)     !! (dof, frequency, sample); two samples or more
       real(wp), intent(in) :: percentiles(:)   !! [%], ascending
@@ -87,13 +86,13 @@ contains
       do dof = 1, size(psd, 1)
          integral = 0.0_wp
          do f = 1, size(psd, 2)
-            integral = integral + curves(psd(dof, f, :), percentiles)
+            integral = integral + replicates_of(psd(dof, f, :), percentiles)
          end do
-         ratios(:, dof) = share(integral(size(percentiles), :), integral(1, :))
+         ratios(:, dof) = ratio_of(integral(size(percentiles), :), integral(1, :))
       end do
    end function ratio_replicates
 
-   !> Relative changes of band ratios, for a case of n_all samples.
+   !> Relative changes of band ratios, as statistics of a case of n_all samples.
    pure function change_of_ratios(tested, reference, n_all) result(change)
       real(wp), intent(in) :: tested(:, :), reference(:, :)   !! (replicate, dof)
       integer, intent(in) :: n_all
@@ -102,7 +101,8 @@ contains
       change = difference_of(relative_change(tested, reference), n_all)
    end function change_of_ratios
 
-   !> A difference by its values of all samples (replicate 0) and of all but the i-th.
+   !> Differences with their standard errors, from replicates: of all samples (0) and of all but the
+   !> i-th.
    pure function difference_of(replicates, n_all) result(difference)
       real(wp), intent(in) :: replicates(0:, :)   !! (replicate, joint or dof)
       integer, intent(in) :: n_all                !! samples of the case
@@ -114,11 +114,11 @@ contains
          difference%error = [(jackknife_error(replicates(1:, i), n_all), i=1, size(replicates, 2))]
    end function difference_of
 
-   !> Compares the slip fractions of samples that were marched twice, of n_all samples of the case.
+   !> Compares slip fractions.
    pure subroutine compare_slip(tested, reference, n_all, errors)
-      real(wp), intent(in) :: tested(:, :)      !! (joint, sample) slip fractions, first march
-      real(wp), intent(in) :: reference(:, :)   !! (joint, sample) second march
-      integer, intent(in) :: n_all
+      real(wp), intent(in) :: tested(:, :)      !! (joint, sample) slip fractions
+      real(wp), intent(in) :: reference(:, :)   !! (joint, sample)
+      integer, intent(in) :: n_all              !! samples of the case
       type(numerical_error), intent(inout) :: errors
       real(wp) :: difference(size(tested, 1), size(tested, 2))
       real(wp), allocatable, dimension(:, :) :: of_mean, of_rms, of_std   ! (replicate, joint)
@@ -145,30 +145,29 @@ contains
       errors%slip_rms = difference_of(of_rms, n_all)
       if (n == 1) return
       errors%slip_std = difference_of(of_std, n_all)
-      errors%slip_rms%error = not_alone(errors%slip_rms%value, errors%slip_rms%error, n, n_all)
+      errors%slip_rms%error = with_floor(errors%slip_rms%value, errors%slip_rms%error, n, n_all)
    end subroutine compare_slip
 
-   !> Standard errors of the rms of several dofs. A few samples seldom hold the largest errors, and
-   !> where they do not, neither the rms nor its jackknife knows of them. So each is at least the
-   !> root mean square of all dofs', whose errors are of one kind, and what enters there at least
-   !> that of normal errors.
-   pure function not_alone(rms, alone, n, n_all) result(error)
-      real(wp), intent(in) :: rms(:)      !! (dof)
-      real(wp), intent(in) :: alone(:)    !! (dof) by jackknife
-      integer, intent(in) :: n, n_all     !! samples compared, and meant
+   !> Standard errors of the rms errors of the joints, from those of the jackknife. A few samples
+   !> seldom contain the largest errors, and then the jackknife is too small. So each standard error
+   !> is at least the root mean square over the joints of max(jackknife, that of normal errors).
+   pure function with_floor(rms, jackknife, n, n_all) result(error)
+      real(wp), intent(in) :: rms(:)         !! (joint)
+      real(wp), intent(in) :: jackknife(:)   !! (joint)
+      integer, intent(in) :: n, n_all        !! samples compared, samples of the case
       real(wp) :: error(size(rms))
-      real(wp) :: of_normal(size(rms))
+      real(wp) :: if_normal(size(rms))
 
-      of_normal = rms*sqrt(max(0.0_wp, 1.0_wp - real(n, wp)/n_all)/(2*n))
-      error = max(alone, sqrt(mean(max(alone, of_normal)**2)))
-   end function not_alone
+      if_normal = rms*sqrt(max(0.0_wp, 1.0_wp - real(n, wp)/n_all)/(2*n))
+      error = max(jackknife, sqrt(mean(max(jackknife, if_normal)**2)))
+   end function with_floor
 
-   !> Compares the spectra of samples that were marched twice, of n_all samples of the case.
+   !> Compares spectra.
    pure subroutine compare_spectra(tested, reference, percentiles, n_all, errors)
       real(wp), intent(in) :: tested(:, :, :)      !! (dof, frequency, sample) densities
       real(wp), intent(in) :: reference(:, :, :)   !! (dof, frequency, sample)
       real(wp), intent(in) :: percentiles(:)       !! [%], ascending
-      integer, intent(in) :: n_all
+      integer, intent(in) :: n_all                 !! samples of the case
       type(numerical_error), intent(inout) :: errors
       type(spectrum_comparison) :: comparison
 
@@ -187,23 +186,23 @@ contains
 
       if (.not. allocated(self%integral)) then
          self%percentiles = percentiles
-         allocate (self%integral(0:size(percentiles), 0:size(tested, 3), of_tested:of_difference, &
-                                 size(tested, 1)), source=0.0_wp)
+         allocate (self%integral(0:size(percentiles), 0:size(tested, 3), &
+                                 tested_psd:psd_difference, size(tested, 1)), source=0.0_wp)
       end if
       do dof = 1, size(tested, 1)
          associate (sums => self%integral(:, :, :, dof))
             do f = 1, size(tested, 2)
-               ours = curves(tested(dof, f, :), percentiles)
-               theirs = curves(reference(dof, f, :), percentiles)
-               sums(:, :, of_tested) = sums(:, :, of_tested) + ours
-               sums(:, :, of_reference) = sums(:, :, of_reference) + theirs
-               sums(:, :, of_difference) = sums(:, :, of_difference) + abs(ours - theirs)
+               ours = replicates_of(tested(dof, f, :), percentiles)
+               theirs = replicates_of(reference(dof, f, :), percentiles)
+               sums(:, :, tested_psd) = sums(:, :, tested_psd) + ours
+               sums(:, :, reference_psd) = sums(:, :, reference_psd) + theirs
+               sums(:, :, psd_difference) = sums(:, :, psd_difference) + abs(ours - theirs)
             end do
          end associate
       end do
    end subroutine add
 
-   !> Computes the errors of a case of n_all samples once all ranges are added.
+   !> Computes the errors of a case of n_all samples after all ranges are added.
    pure subroutine finish(self, n_all, errors)
       class(spectrum_comparison), intent(in) :: self
       integer, intent(in) :: n_all
@@ -212,25 +211,25 @@ contains
 
       last = size(self%percentiles)
       n = ubound(self%integral, 2)
-      associate (tested => self%integral(:, :, of_tested, :), &
-                 reference => self%integral(:, :, of_reference, :), &
-                 apart => self%integral(:, :, of_difference, :))   ! all from 1 on
-         errors%psd_mean = difference_of(share(apart(1, :, :), reference(1, :, :)), n_all)
+      associate (tested => self%integral(:, :, tested_psd, :), &
+                 reference => self%integral(:, :, reference_psd, :), &
+                 apart => self%integral(:, :, psd_difference, :))   ! indices of sections start at 1
+         errors%psd_mean = difference_of(ratio_of(apart(1, :, :), reference(1, :, :)), n_all)
          if (n == 1) return
          allocate (errors%psd_percentiles(size(self%integral, 4), last))
          do p = 1, last
             errors%psd_percentiles(:, p) = &
-               difference_of(share(apart(1 + p, :, :), reference(1 + p, :, :)), n_all)
+               difference_of(ratio_of(apart(1 + p, :, :), reference(1 + p, :, :)), n_all)
          end do
          errors%band_ratio = &
-            change_of_ratios(share(tested(1 + last, :, :), tested(2, :, :)), &
-                             share(reference(1 + last, :, :), reference(2, :, :)), n_all)
+            change_of_ratios(ratio_of(tested(1 + last, :, :), tested(2, :, :)), &
+                             ratio_of(reference(1 + last, :, :), reference(2, :, :)), n_all)
       end associate
    end subroutine finish
 
-   !> Mean (0) and percentiles (1..) of all values (0) and of all but the i-th (1..n); one value has
-   !> its mean alone.
-   pure function curves(values, percentiles) result(statistics)
+   !> Mean (0) and percentiles (1..) of all values (replicate 0) and of all but the i-th (1..n). For
+   !> one value only the mean.
+   pure function replicates_of(values, percentiles) result(statistics)
       real(wp), intent(in) :: values(:), percentiles(:)
       real(wp) :: statistics(0:size(percentiles), 0:size(values))
       real(wp) :: sorted(size(values))
@@ -250,9 +249,9 @@ contains
             statistics(p, ranking(i)) = at_rank_without(i, sorted, percentiles(p))
          end do
       end do
-   end function curves
+   end function replicates_of
 
-   !> A percentile of all values but the i-th: order statistics from i on are the next one's.
+   !> Percentile of all values but the i-th smallest: order statistics from i on are the next ones.
    pure function at_rank_without(i, sorted, percentile) result(value)
       integer, intent(in) :: i
       real(wp), intent(in) :: sorted(:)   !! two or more
@@ -269,7 +268,7 @@ contains
       value = low + (rank - below)*(high - low)
    end function at_rank_without
 
-   !> 1..n without i; all of them for i = 0.
+   !> Numbers 1..n without i; all of them for i = 0.
    pure function without(i, n) result(kept)
       integer, intent(in) :: i, n
       integer, allocatable :: kept(:)
@@ -278,7 +277,7 @@ contains
       kept = pack([(k, k=1, n)], [(k /= i, k=1, n)])
    end function without
 
-   !> Zero for one value.
+   !> Standard deviation; zero for one value.
    pure function deviation(values) result(scatter)
       real(wp), intent(in) :: values(:)
       real(wp) :: scatter
@@ -287,7 +286,7 @@ contains
       if (size(values) > 1) scatter = standard_deviation(values)
    end function deviation
 
-   !> Standard error from the values without one sample each, when n_all samples are meant.
+   !> Standard error from the values without one sample each, of a case of n_all samples.
    pure function jackknife_error(replicates, n_all) result(error)
       real(wp), intent(in) :: replicates(:)
       integer, intent(in) :: n_all
@@ -299,16 +298,16 @@ contains
                    *max(0.0_wp, 1.0_wp - real(n, wp)/n_all))
    end function jackknife_error
 
-   !> A part of a whole; of nothing: zero.
-   elemental function share(part, whole) result(value)
-      real(wp), intent(in) :: part, whole
+   !> Ratio of two values; zero if the denominator is not positive.
+   elemental function ratio_of(numerator, denominator) result(value)
+      real(wp), intent(in) :: numerator, denominator
       real(wp) :: value
 
       value = 0.0_wp
-      if (whole > 0.0_wp) value = part/whole
-   end function share
+      if (denominator > 0.0_wp) value = numerator/denominator
+   end function ratio_of
 
-   !> Relative change of a positive value; zero where there is none.
+   !> Relative change of a positive value; zero if the reference is not positive.
    elemental function relative_change(tested, reference) result(value)
       real(wp), intent(in) :: tested, reference
       real(wp) :: value

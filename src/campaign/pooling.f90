@@ -1,5 +1,5 @@
-!> Which cases share their samples in one regression: those that differ in the law of the friction
-!> alone, under one force record; and draws of that law.
+!> Groups cases into pools, whose samples one regression uses: cases that differ only in the law of
+!> the friction, under one force record. Draws from that law.
 module campaign_pooling
    use campaign_plan, only: have_same_force, plan_type
    use core_kinds, only: long, wp
@@ -14,39 +14,39 @@ module campaign_pooling
    public :: case_pool, draw_law, estimators_of, find_points, find_pools, fitted_samples, &
              plan_draws, reason_for_plain, sharing_cases
 
-   integer, parameter, public :: fewest_samples = 20   !! of a case
-   integer, parameter :: most_inputs = 64               !! friction values of a sample
-   !> Samples of a pool of several cases: with more, what the pool cannot tell of a law is no longer
-   !> small beside the error of a case (formula (12) of docs/regression.md).
+   integer, parameter, public :: fewest_samples = 20   !! samples of a case with a regression
+   integer, parameter :: most_inputs = 64              !! friction values of a sample
+   !> Samples of a pool of several cases: with more, the error of the pool's surrogate for one of
+   !> them is no longer small against its other errors (formula (12) of docs/regression.md).
    integer, parameter :: most_pooled = 600
-   integer, parameter, public :: most_samples = 2400    !! of a regression
+   integer, parameter, public :: most_samples = 2400   !! samples of a regression
 
-   integer, parameter :: most_values = 2**21   !! of the draws of a law
+   integer, parameter :: most_values = 2**21           !! values of all draws from a law
    integer, parameter :: fewest_draws = 2**14, most_draws = 2**17
+   !> Independent draws that a window of a long realization is worth.
+   real(wp), parameter :: share_of_windows = 0.8_wp
 
    !> Cases whose samples one regression uses.
    type :: case_pool
-      integer, allocatable :: cases(:)      !! their numbers, ascending
-      integer, allocatable :: n_fitted(:)   !! (case) its first samples that the regression uses
+      integer, allocatable :: cases(:)      !! case numbers, ascending
+      integer, allocatable :: n_fitted(:)   !! (case) number of its first samples that are used
    end type case_pool
-
-   real(wp), parameter :: share_of_windows = 0.8_wp   !! independent draws in a window
 
 contains
 
-   !> All pools of a plan; a case that is estimated by plain sampling is in none. A full pool is
-   !> followed by another one.
+   !> Pools of a plan. Cases with plain estimates are in none. After a full pool follows another.
    pure function find_pools(plan) result(pools)
       type(plan_type), intent(in) :: plan
       type(case_pool), allocatable :: pools(:)
-      integer :: c, n_pools, number(size(plan%cases)), p   ! number of each case's pool; 0: none
+      integer :: c, n_pools, p
+      integer :: number(size(plan%cases))   ! number of each case's pool; 0: none
 
       number = 0
       n_pools = 0
       do c = 1, size(plan%cases)
          if (plan%cases(c)%audits > 0 .or. len(reason_for_plain(plan, c)) > 0) cycle
          do p = 1, n_pools
-            if (takes(plan, members_of(p), c)) exit
+            if (can_join(plan, members_of(p), c)) exit
          end do
          number(c) = p
          n_pools = max(n_pools, p)
@@ -69,8 +69,8 @@ contains
 
    end function find_pools
 
-   !> How many cases would share their samples with each one, itself counted, as long as a pool has
-   !> room for them; 0: plain sampling, however many samples.
+   !> Number of cases in the pool of each case, itself included, if all cases had the samples of a
+   !> regression; 0: plain estimates with any number of samples.
    pure function sharing_cases(plan) result(n_cases)
       type(plan_type), intent(in) :: plan
       integer :: n_cases(size(plan%cases))
@@ -87,15 +87,15 @@ contains
       end do
    end function sharing_cases
 
-   !> Samples in the regression of a case of n samples that may share with others.
+   !> Number of samples in the regression of a case.
    elemental real(wp) function fitted_samples(n, n_cases)
-      real(wp), intent(in) :: n
+      real(wp), intent(in) :: n        !! samples of the case
       integer, intent(in) :: n_cases   !! as in sharing_cases
 
       fitted_samples = min(max(n, min(n_cases*n, real(most_pooled, wp))), real(most_samples, wp))
    end function fitted_samples
 
-   !> 'pooled', 'regression' or 'plain' for each case.
+   !> Estimator of each case: 'pooled', 'regression' or 'plain'.
    pure function estimators_of(plan) result(name)
       type(plan_type), intent(in) :: plan
       character(12) :: name(size(plan%cases))
@@ -109,29 +109,29 @@ contains
       end do
    end function estimators_of
 
-   !> True if a further case belongs to those of a pool, and finds room. The same process twice has
-   !> the same friction values, so it is no further knowledge.
-   pure logical function takes(plan, members, number)
+   !> True if a case can join a pool. It cannot if the pool has the same process, because it adds
+   !> the same friction values.
+   pure logical function can_join(plan, members, number)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: members(:), number
+      integer, intent(in) :: members(:), number   !! case numbers
       integer :: i
 
-      takes = plan%estimator == 'pooled' .and. .not. plan%excitation%per_sample
-      takes = takes .and. have_same_force(plan%cases(members(1)), plan%cases(number))
-      takes = takes .and. sum(real(plan%cases([members, number])%n_samples, wp)) <= most_pooled
-      do i = 1, size(members)
-         takes = takes .and. label_of_case(plan, members(i)) /= label_of_case(plan, number)
-      end do
-   end function takes
+      can_join = plan%estimator == 'pooled' .and. .not. plan%excitation%per_sample .and. &
+                 have_same_force(plan%cases(members(1)), plan%cases(number)) .and. &
+                 sum(real(plan%cases([members, number])%n_samples, wp)) <= most_pooled .and. &
+                 all([(label_of_case(plan, members(i)) /= label_of_case(plan, number), &
+                       i=1, size(members))])
+   end function can_join
 
+   !> Label of the process of a case, which is that of its random streams.
    pure integer(long) function label_of_case(plan, number)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number
+      integer, intent(in) :: number   !! case number
 
       label_of_case = request_label(plan%processes(plan%cases(number)%process))
    end function label_of_case
 
-   !> Why a case is estimated by plain sampling; empty where it is not.
+   !> Reason why a case has plain estimates; '' if it has a regression.
    pure function reason_for_plain(plan, number) result(reason)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
@@ -157,12 +157,12 @@ contains
       end associate
    end function reason_for_plain
 
-   !> Chooses how a law is drawn: windows of long realizations, a correlation length apart; or
-   !> windows from streams of their own (stride 0), where the sampler's cost is that of a window or
-   !> a long realization would take much memory.
+   !> Chooses how to draw from a law: windows of long realizations, a correlation length apart; or
+   !> windows from random streams of their own (stride 0), if the sampler starts without cost or a
+   !> long realization takes too much memory.
    pure subroutine plan_draws(n_points, is_exact, correlation_length, n_draws, stride)
-      integer, intent(in) :: n_points               !! of a window
-      logical, intent(in) :: is_exact               !! sampler
+      integer, intent(in) :: n_points               !! points of a window
+      logical, intent(in) :: is_exact               !! true: the sampler is 'exact'
       real(wp), intent(in) :: correlation_length    !! L0 [points]
       integer, intent(out) :: n_draws, stride
 
@@ -173,12 +173,12 @@ contains
       stride = n_points + ceiling(min(correlation_length, 8.0_wp*n_points))
    end subroutine plan_draws
 
-   !> Finds the points of the process that give joints their friction, ascending, and the first
-   !> such joint of each.
+   !> Lists the points of the process whose values joints take, ascending, and the first joint of
+   !> each.
    pure subroutine find_points(structure, points, joints)
       type(structure_type), intent(in) :: structure
       integer, allocatable, intent(out) :: points(:), joints(:)
-      integer :: first(structure%n_points)   ! joint that takes a point; 0: none
+      integer :: first(structure%n_points)   ! first joint of each point; 0: none
       integer :: i, j
 
       first = 0
@@ -189,15 +189,14 @@ contains
       joints = first(points)
    end subroutine find_points
 
-   !> Draws windows of long realizations, or each from a stream of its own; fewer where fewer are
-   !> wanted.
+   !> Draws from the law of a process, as plan_draws chooses.
    subroutine draw_law(seed, model, points, draws, n_independent, at_most)
       integer(long), intent(in) :: seed
       type(process_model_type), intent(in) :: model
       integer, intent(in) :: points(:)                    !! of the process, ascending
       real(wp), allocatable, intent(out) :: draws(:, :)   !! (draw, point)
-      real(wp), intent(out) :: n_independent              !! draws that all windows are worth
-      integer, intent(in), optional :: at_most            !! windows
+      real(wp), intent(out) :: n_independent              !! independent draws they are worth
+      integer, intent(in), optional :: at_most            !! limits the number of draws
       type(stream_type) :: stream
       real(wp), allocatable :: chains(:, :), values(:)
       integer(long) :: label

@@ -1,4 +1,4 @@
-!> Data that all blocks of a plan share: the marcher, the force record, the layout of the spectra.
+!> Prepares what all blocks of a plan share: marchers, force record, layout of the spectra.
 module campaign_runner
    use campaign_plan, only: integration_settings, kept_dofs, plan_type, reference_for
    use campaign_results, only: spectrum_layout
@@ -16,22 +16,23 @@ module campaign_runner
    private
    public :: runner_type, prepare_runner, block_width, layout_of, new_marcher
 
-   integer, parameter :: widest_block = 32            !! samples marched together
-   integer, parameter :: records_per_piece = 264      !! between two looks at the spectra
-   real(wp), parameter :: block_memory = 128.0e6_wp   !! [byte] of forces and histories in a block
+   integer, parameter :: widest_block = 32            !! number of samples marched side by side
+   integer, parameter :: records_per_piece = 264      !! records marched before spectra take them
+   real(wp), parameter :: block_memory = 128.0e6_wp   !! forces and histories of a block [byte]
 
-   !> Data that a rank needs to run any block of a plan.
+   !> Data that a rank needs to march any block of a plan.
    type :: runner_type
       type(plan_type) :: plan
       class(marcher_type), allocatable :: marcher
-      class(marcher_type), allocatable :: reference   !! of audits, where there are any
-      !> (0:n_steps, force, or force + n_forces*(sample - 1)) [N] of strength 1; none of a sine
+      class(marcher_type), allocatable :: reference   !! marcher of audits; not allocated without
+      !> force record of strength 1 [N] (0:n_steps, force, or force + n_forces*(sample - 1)); not
+      !> allocated for a sine or for noise per sample
       real(wp), allocatable :: force(:, :)
       type(spectrum_layout) :: layout
-      !> (dof, case) of the variance, above the kept Nyquist frequency in the pilot march
+      !> (dof, case) share of the variance above the kept Nyquist frequency, from the pilot march
       real(wp), allocatable :: folded_share(:, :)
-      type(welch_type) :: spectra            !! of the block that is marching
-      integer :: piece_steps = records_per_piece
+      type(welch_type) :: spectra            !! Welch's sums of the current block
+      integer :: piece_steps = records_per_piece   !! number of steps marched at a time
    contains
       procedure :: draw_force
       procedure :: force_of
@@ -40,13 +41,13 @@ module campaign_runner
 
 contains
 
-   !> Prepares the march of a plan. `file_force` is used when the excitation is a file's.
+   !> Prepares the march of a plan.
    subroutine prepare_runner(plan, file_force, runner, error, like)
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
+      real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N] of kind 'file'
       type(runner_type), intent(out) :: runner
       type(error_type), allocatable, intent(out) :: error
-      !> of the same structure, methods and step, audits included: its marchers serve again
+      !> runner for the same structure, methods and step, whose marchers are copied
       type(runner_type), intent(in), optional :: like
 
       runner%plan = plan
@@ -71,13 +72,13 @@ contains
       runner%piece_steps = records_per_piece*runner%layout%every
    end subroutine prepare_runner
 
-   !> Form of the exact march, with the multiplications of a sample in a step by each form; '' for
-   !> Newmark's.
+   !> Text on the form of the exact march and the multiplications of a sample-step by each form; ''
+   !> for Newmark's scheme.
    pure function form_of_march(self) result(text)
       class(runner_type), intent(in) :: self
       character(:), allocatable :: text
       real(wp), parameter :: unknown = huge(1.0_wp)
-      integer, parameter :: many_parts = 16   ! modes below 1/(2 dt) need 8 at 1e-6 (M7)
+      integer, parameter :: many_parts = 16   ! modes below 1/(2 dt) need 8 at tolerance 1e-6
 
       text = ''
       select type (marcher => self%marcher)
@@ -96,8 +97,8 @@ contains
       end select
    end function form_of_march
 
-   !> Modes that no force reaches as its values are too far apart, in words: they cost parts of a
-   !> step that a reduced model saves. '' where there are none.
+   !> Text on the modes above 1/(2 dt), which the sampled force cannot contain: the parts of a step
+   !> that they need are saved by a reduced model. '' without such modes.
    pure function modes_to_spare(marcher) result(text)
       type(exact_march), intent(in) :: marcher
       character(:), allocatable :: text
@@ -111,29 +112,29 @@ contains
       end associate
    end function modes_to_spare
 
-   !> Creates a marcher of the chosen method for the plan's structure and time step.
-   subroutine new_marcher(plan, how, marcher, error)
+   !> Creates the marcher of a method for the plan's structure.
+   subroutine new_marcher(plan, integration, marcher, error)
       type(plan_type), intent(in) :: plan
-      type(integration_settings), intent(in) :: how
+      type(integration_settings), intent(in) :: integration
       class(marcher_type), allocatable, intent(out) :: marcher
       type(error_type), allocatable, intent(out) :: error
       type(newmark_marcher), allocatable :: newmark
       type(exact_march), allocatable :: exact
 
-      if (how%method == 'newmark') then
+      if (integration%method == 'newmark') then
          allocate (newmark)
-         call new_newmark(plan%structure, how%dt, how%max_halvings, how%beta, how%gamma, newmark, &
-                          error)
+         call new_newmark(plan%structure, integration%dt, integration%max_halvings, &
+                          integration%beta, integration%gamma, newmark, error)
          call move_alloc(newmark, marcher)
       else
          allocate (exact)
-         call new_exact_march(plan%structure, how%dt, how%tolerance, exact, error)
+         call new_exact_march(plan%structure, integration%dt, integration%tolerance, exact, error)
          call move_alloc(exact, marcher)
       end if
    end subroutine new_marcher
 
-   !> Draws the noise of a sample (0: shared by all), an independent record for each force.
-   !> Band-limited noise has an expected variance of 1.
+   !> Draws the noise of a sample (0: of all samples), an independent record for each force. The
+   !> expected variance of band-limited noise is 1.
    subroutine draw_force(self, sample, force, error)
       class(runner_type), intent(in) :: self
       integer, intent(in) :: sample
@@ -159,12 +160,12 @@ contains
       end do
    end subroutine draw_force
 
-   !> Returns the force of a case as it acted, for its histories [N].
+   !> Returns the force on the samples of a case, with its strength.
    subroutine force_of(self, case_number, first_sample, force, error)
       class(runner_type), intent(in) :: self
       integer, intent(in) :: case_number
-      integer, intent(in) :: first_sample     !! of the records, where each sample has its own
-      real(wp), intent(out) :: force(0:, :)   !! (step, force, or force and sample)
+      integer, intent(in) :: first_sample     !! number of the first sample, if each has its own
+      real(wp), intent(out) :: force(0:, :)   !! (step, force, or force and sample) [N]
       type(error_type), allocatable, intent(out) :: error
       integer :: first, i
 
@@ -190,7 +191,7 @@ contains
       end associate
    end subroutine force_of
 
-   !> Layout of the spectra of every k-th step.
+   !> Layout of the spectra, whose values are those of every k-th step.
    pure function layout_of(plan) result(layout)
       type(plan_type), intent(in) :: plan
       type(spectrum_layout) :: layout
@@ -207,11 +208,10 @@ contains
                            i=0, layout%segment_length/2)]
    end function layout_of
 
-   !> Samples of a block: as many as march well together, fewer where each carries a long record.
-   pure function block_width(plan) result(width)
+   !> Number of samples of a block: 32, or fewer if their forces and histories need much memory.
+   pure integer function block_width(plan) result(width)
       type(plan_type), intent(in) :: plan
-      integer :: width
-      real(wp) :: bytes
+      real(wp) :: bytes   ! of a sample
 
       bytes = 0.0_wp
       if (plan%excitation%per_sample) &

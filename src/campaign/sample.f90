@@ -1,4 +1,5 @@
-!> Blocks of samples: marched under the force of their case, spectra formed as the march goes.
+!> Marches a block of samples under the force of its case and computes their results; spectra are
+!> formed during the march.
 module campaign_sample
    use campaign_harmonic, only: harmonic_collector, start_harmonics
    use campaign_plan, only: kept_dofs, kept_of, output_settings
@@ -21,29 +22,29 @@ module campaign_sample
       end function stop_query
    end interface
 
-   !> A march on its way: the block and what listens to it.
+   !> Block during its march.
    type :: march_type
       type(block_state) :: state
-      type(output_settings) :: keeps
-      integer, allocatable :: dofs(:)                 !! of spectra and histories
-      logical :: is_audit = .false.                   !! marched by the reference
+      type(output_settings) :: kept                   !! results that are kept of this case
+      integer, allocatable :: dofs(:)                 !! dofs with spectra and histories
+      logical :: is_audit = .false.                   !! the reference method marches
       real(wp), allocatable :: force(:, :)            !! (0:n_steps, force or force and sample) [N]
-      type(harmonic_collector) :: harmonics           !! under a sine
-      logical :: is_measuring = .false.               !! past n_discard
-      integer :: span = 0                             !! of the slip series, on its way
+      type(harmonic_collector) :: harmonics           !! used under a sine
+      logical :: is_measuring = .false.               !! n_discard steps are over
+      integer :: span = 0                             !! number of the current span; 0: transient
       real(wp), allocatable :: slip_before(:, :)      !! (joint, sample) slip_time at its start [s]
-      real(wp), allocatable :: energy_before(:)       !! (sample) stored at the end of n_discard [J]
+      real(wp), allocatable :: energy_before(:)       !! (sample) stored energy after n_discard [J]
    end type march_type
 
 contains
 
-   !> Runs samples first, first + 1, ... of a case. Abandoned, and then of no samples, when
-   !> `should_stop`.
+   !> Marches samples first, first + 1, ... of a case. If `should_stop` becomes true, it returns a
+   !> result of no samples.
    subroutine run_block(runner, case_number, friction, first, should_stop, result, error)
       type(runner_type), intent(inout) :: runner
       integer, intent(in) :: case_number
       real(wp), intent(in) :: friction(:, :)   !! (joint, sample)
-      integer, intent(in) :: first             !! number of the first sample, from 1
+      integer, intent(in) :: first             !! sample number, from 1
       procedure(stop_query) :: should_stop
       type(block_result), intent(out) :: result
       type(error_type), allocatable, intent(out) :: error
@@ -78,12 +79,12 @@ contains
       call check_range(result, error)
    end subroutine run_block
 
-   !> True if a march is to stop: never, where it is short.
+   !> False: the `should_stop` of short marches.
    logical function never()
       never = .false.
    end function never
 
-   !> Starts samples at rest, with their force and room for the results that are kept.
+   !> Starts the samples at rest, with their force and memory for histories.
    subroutine start_march(runner, case_number, result, march, error)
       type(runner_type), intent(in) :: runner
       integer, intent(in) :: case_number
@@ -91,23 +92,23 @@ contains
       type(march_type), intent(inout) :: march
       type(error_type), allocatable, intent(out) :: error
 
-      march%keeps = kept_of(runner%plan, case_number)
+      march%kept = kept_of(runner%plan, case_number)
       march%dofs = kept_dofs(runner%plan)
       march%is_audit = runner%plan%cases(case_number)%audits > 0
-      associate (plan => runner%plan, output => march%keeps, n => result%n_samples)
-         march%state%keeps_ledger = output%energy
-         march%state%keeps_transitions = output%transitions
+      associate (plan => runner%plan, kept => march%kept, n => result%n_samples)
+         march%state%keeps_ledger = kept%energy
+         march%state%keeps_transitions = kept%transitions
          call start_block(plan%structure, result%friction, march%state)
          allocate (march%force(0:plan%integration%n_steps, &
                                plan%structure%n_forces*merge(n, 1, plan%excitation%per_sample)))
          call runner%force_of(case_number, plan%cases(case_number)%first_sample - 1 &
                               + result%first_sample, march%force, error)
          if (allocated(error)) return
-         if (output%harmonic) &
+         if (kept%harmonic) &
             call start_harmonics(plan%integration, plan%cases(case_number)%frequency, &
                                  plan%structure%n_dof, n, march%harmonics, error)
          if (allocated(error)) return
-         if (output%history) then
+         if (kept%history) then
             allocate (result%displacement(size(march%dofs), 0:plan%integration%n_steps, n), &
                       result%velocity(size(march%dofs), 0:plan%integration%n_steps, n))
             result%displacement(:, 0, :) = march%state%displacement(march%dofs, :)
@@ -116,14 +117,14 @@ contains
       end associate
    end subroutine start_march
 
-   !> Resets all sums at the end of the transient.
+   !> Resets all sums at the end of the transient (n_discard steps) and starts series and spectra.
    subroutine start_measuring(runner, march, result)
       type(runner_type), intent(inout) :: runner
       type(march_type), intent(inout) :: march
       type(block_result), intent(inout) :: result
 
       march%is_measuring = .true.
-      associate (state => march%state, layout => runner%layout)
+      associate (state => march%state)
          call close_account(runner%plan%structure, state%step*runner%plan%integration%dt, state)
          state%slip_time = 0.0_wp
          state%slip_distance = 0.0_wp
@@ -134,20 +135,21 @@ contains
          march%energy_before = stored_energy(runner%plan%structure, state)
          march%span = 1
          march%slip_before = state%slip_time
-         if (march%keeps%slip) &
+         if (march%kept%slip) &
             allocate (result%slip_series(state%n_joints, count_spans(runner%plan%integration), &
                                          state%n_samples))
-         if (march%keeps%spectrum) then
+         if (march%kept%spectrum) then
             call start_spectra(runner, march)
             allocate (result%joint_displacement_max(state%n_joints, state%n_samples), source=0.0_wp)
          end if
       end associate
    end subroutine start_measuring
 
+   !> Starts Welch's sums. An audit has no power series.
    subroutine start_spectra(runner, march)
       type(runner_type), intent(inout) :: runner
       type(march_type), intent(in) :: march
-      integer, allocatable :: n_expected   ! segments, where their power is followed
+      integer, allocatable :: n_expected   ! number of segments, if their power is followed
 
       associate (layout => runner%layout)
          if (layout%follows_power .and. .not. march%is_audit) n_expected = layout%n_segments
@@ -156,71 +158,86 @@ contains
       end associate
    end subroutine start_spectra
 
-   !> Marches from one step to another and hands the displacements to the spectra and the history.
+   !> Marches from one step to another and adds the displacements to spectra, histories, harmonics
+   !> and the largest displacements of the joints.
    subroutine march_piece(runner, from, to, march, result, error)
       type(runner_type), intent(inout) :: runner
       integer, intent(in) :: from, to
       type(march_type), intent(inout) :: march
       type(block_result), intent(inout) :: result
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable, target :: x(:, :, :), v(:, :, :)   ! (record, dof, sample)
-      integer :: every, n
+      real(wp), allocatable, target :: x(:, :, :)   ! (record, dof, sample)
+      real(wp), allocatable :: v(:, :, :)
+      real(wp), pointer :: series(:, :)   ! x as (record, dof and sample as one index)
+      integer :: every, first, n, stride
 
-      associate (state => march%state, output => march%keeps)
+      associate (state => march%state, kept => march%kept, &
+                 has_spectra => march%kept%spectrum .and. march%is_measuring)
          every = record_every(march, runner%layout%every)
          n = to/every - from/every
-         if (.not. (output%history .or. output%harmonic .or. &
-                    output%spectrum .and. march%is_measuring)) n = 0
+         if (.not. (kept%history .or. kept%harmonic .or. has_spectra)) n = 0
          allocate (x(n, state%n_dof, state%n_samples))
-         if (output%history) allocate (v, mold=x)   ! else the marchers record no velocities
+         if (kept%history) allocate (v, mold=x)   ! else the marchers record no velocities
          if (march%is_audit) then
             call runner%reference%advance(state, march%force(from:to, :), every, x, v, error)
          else
             call runner%marcher%advance(state, march%force(from:to, :), every, x, v, error)
          end if
          if (allocated(error)) return
-         if (output%harmonic) then
-            associate (stride => march%harmonics%every/every)
-               call march%harmonics%add(x(stride - modulo(from/every, stride)::stride, :, :))
-            end associate
+         if (kept%harmonic) then
+            stride = march%harmonics%every/every
+            call march%harmonics%add(x(first_record(from/every, stride)::stride, :, :))
          end if
-         if (output%spectrum .and. march%is_measuring) &
-            call follow_joints(runner%plan%structure, x(first_record(runner, from, every):: &
-                                                        runner%layout%every/every, :, :), result)
+         if (has_spectra) then
+            stride = runner%layout%every/every
+            first = first_record(from/every, stride)
+            call follow_joints(runner%plan%structure, x(first::stride, :, :), result)
+         end if
          if (size(march%dofs) < state%n_dof) then
             x = x(:, march%dofs, :)
-            if (output%history) v = v(:, march%dofs, :)
+            if (kept%history) v = v(:, march%dofs, :)
          end if
-         if (output%history) then
+         if (kept%history) then
             result%displacement(:, from + 1:to, :) = &
                reshape(x, [size(x, 2), n, size(x, 3)], order=[2, 1, 3])
             result%velocity(:, from + 1:to, :) = &
                reshape(v, [size(v, 2), n, size(v, 3)], order=[2, 1, 3])
          end if
-         if (output%spectrum .and. march%is_measuring) call listen(runner, from, every, x)
+         if (has_spectra) then
+            series(1:n, 1:size(x, 2)*size(x, 3)) => x
+            call runner%spectra%add(series(first::stride, :))
+         end if
       end associate
    end subroutine march_piece
 
-   !> Steps between records: one for histories, else as spectra and harmonics need them.
-   pure integer function record_every(march, of_spectra) result(every)
+   !> Number of steps between records: 1 for histories, else as spectra and harmonics need.
+   pure integer function record_every(march, spectrum_every) result(every)
       type(march_type), intent(in) :: march
-      integer, intent(in) :: of_spectra
+      integer, intent(in) :: spectrum_every
 
-      every = of_spectra
-      if (march%keeps%harmonic) every = march%harmonics%every
-      if (march%keeps%harmonic .and. march%keeps%spectrum) then
-         do while (modulo(of_spectra, every) /= 0)
+      every = spectrum_every
+      if (march%kept%harmonic) every = march%harmonics%every
+      if (march%kept%harmonic .and. march%kept%spectrum) then
+         do while (modulo(spectrum_every, every) /= 0)
             every = every/2   ! a power of two
          end do
       end if
-      if (march%keeps%history) every = 1
+      if (march%kept%history) every = 1
    end function record_every
 
-   !> Records the slip fraction of a span that ends at this step. Every march is cut into spans,
-   !> even where the series is not kept, so that rounding is the same.
+   !> Place among the next records of the first one whose number is a multiple of the stride.
+   pure integer function first_record(n_before, stride)
+      integer, intent(in) :: n_before   !! number of records so far
+      integer, intent(in) :: stride
+
+      first_record = stride - modulo(n_before, stride)
+   end function first_record
+
+   !> Stores the slip fraction of the current span if it ends at this step. Every march is cut into
+   !> spans, even if the series is not kept, so that rounding is the same.
    subroutine keep_span(runner, step, march, result)
       type(runner_type), intent(in) :: runner
-      integer, intent(in) :: step   !! the march has come to
+      integer, intent(in) :: step   !! last step of the march so far
       type(march_type), intent(inout) :: march
       type(block_result), intent(inout) :: result
       integer :: first
@@ -237,35 +254,13 @@ contains
       end associate
    end subroutine keep_span
 
-   !> Hands displacements recorded every so many steps to the spectra, those of the layout's dofs.
-   subroutine listen(runner, from, every, x)
-      type(runner_type), intent(inout) :: runner
-      integer, intent(in) :: from, every     !! steps before the first record; steps between records
-      real(wp), intent(in), contiguous, target :: x(:, :, :)   !! (record, dof, sample)
-      real(wp), pointer :: series(:, :)      ! (record, dof and sample as one index)
-
-      series(1:size(x, 1), 1:size(x, 2)*size(x, 3)) => x
-      call runner%spectra%add(series(first_record(runner, from, every)::runner%layout%every/every, &
-                                     :))
-   end subroutine listen
-
-   !> The first record that enters the spectra.
-   pure integer function first_record(runner, from, every) result(first)
-      type(runner_type), intent(in) :: runner
-      integer, intent(in) :: from, every   !! steps before the first record; steps between records
-      integer :: stride
-
-      stride = runner%layout%every/every
-      first = stride - modulo(from/every, stride)
-   end function first_record
-
-   !> Updates the largest displacement between the ends of each joint [m].
+   !> Updates joint_displacement_max, the largest |w_j.x| [m].
    pure subroutine follow_joints(structure, x, result)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: x(:, :, :)   !! (record, dof, sample) [m]
       type(block_result), intent(inout) :: result
       real(wp) :: between(size(x, 1))
-      integer, allocatable :: dofs(:)   ! that the joint holds
+      integer, allocatable :: dofs(:)   ! dofs at the ends of the joint
       integer :: i, joint, w
 
       do joint = 1, structure%n_joints
@@ -283,24 +278,24 @@ contains
       end do
    end subroutine follow_joints
 
-   !> Forms the block's result from the state at the end of the march.
+   !> Computes the results of the block from its state at the end of the march.
    subroutine collect(runner, march, result)
       type(runner_type), intent(inout) :: runner
       type(march_type), intent(inout) :: march
       type(block_result), intent(inout) :: result
       real(wp) :: duration
 
-      associate (state => march%state, output => march%keeps, how => runner%plan%integration)
-         duration = how%dt*(how%n_steps - how%n_discard)
+      associate (state => march%state, kept => march%kept, integration => runner%plan%integration)
+         duration = integration%dt*(integration%n_steps - integration%n_discard)
          result%slip_fraction = state%slip_time/duration
-         if (output%slip .and. count_spans(how) >= fewest_spans) &
+         if (kept%slip .and. count_spans(integration) >= fewest_spans) &
             result%slip_fraction_error = errors_of_averages(result%slip_series)
          result%slip_starts = state%slip_starts
          result%stick_starts = state%stick_starts
          result%slip_distance = state%slip_distance
          result%dissipation = state%slip_limit*state%slip_distance
-         if (output%transitions) call move_alloc(state%transitions, result%transitions)
-         if (output%energy) then
+         if (kept%transitions) call move_alloc(state%transitions, result%transitions)
+         if (kept%energy) then
             result%energy_input = state%work_input
             result%energy_viscous = state%work_viscous
             result%energy_friction = sum(result%dissipation, 1)
@@ -308,17 +303,18 @@ contains
             result%energy_defect = state%work_input - state%work_viscous - result%energy_friction &
                                    - result%energy_stored
          end if
-         if (output%harmonic) call march%harmonics%finish(result)
-         if (output%spectrum) call collect_spectra(runner, march, result)
+         if (kept%harmonic) call march%harmonics%finish(result)
+         if (kept%spectrum) call collect_spectra(runner, march, result)
       end associate
    end subroutine collect
 
+   !> Computes spectra and power series.
    subroutine collect_spectra(runner, march, result)
       type(runner_type), intent(inout) :: runner
       type(march_type), intent(in) :: march
       type(block_result), intent(inout) :: result
-      real(wp), allocatable :: power(:, :, :)   ! (batch, range, series)
-      real(wp), allocatable :: psd(:, :)        ! (frequency, series)
+      real(wp), allocatable :: power(:, :, :)   ! (batch, range, dof and sample as one index)
+      real(wp), allocatable :: psd(:, :)        ! (frequency, dof and sample as one index)
 
       associate (n_dof => size(march%dofs), n => result%n_samples)
          allocate (psd(size(runner%layout%frequency), n_dof*n))
@@ -330,7 +326,7 @@ contains
       end associate
    end subroutine collect_spectra
 
-   !> Refuses results whose squares would overflow, or that have overflown.
+   !> Refuses results that are infinite or whose squares would be.
    pure subroutine check_range(result, error)
       type(block_result), intent(in) :: result
       type(error_type), allocatable, intent(out) :: error

@@ -1,41 +1,41 @@
-!> The standard error of mean slip fractions as a whole, and what would bring it to a target.
+!> Total standard error of mean slip fractions, and the samples and steps that bring it to a target.
 !>
-!> With one record of the force for all samples, samples lower the error of the mean that is due to
-!> friction, and only a longer march lowers what the record adds. With a record for each sample,
-!> samples lower both.
+!> If all samples have one force record, more samples lower the Monte Carlo error, and only more
+!> steps lower the time-average error. If each sample has its own record, more samples lower both.
 !>
-!> With n samples, plain sampling's error falls as 1/sqrt(n). A regression's falls as 1/n while it
-!> takes more samples, down to what the points that stand for the law leave; a sample's own record
-!> is noise to it, whose error falls as 1/sqrt(n). On the paper's chain stated errors of 32 samples
-!> are 3 to 9 times those of 128 (docs/accuracy.md).
+!> With n samples the error of plain sampling falls as n^(-1/2). That of a regression falls as 1/n
+!> while it can use more samples, and not below the error of the points that represent the law; its
+!> part due to records of the samples' own falls as n^(-1/2). On the paper's chain stated errors of
+!> 32 samples are 3 to 9 times those of 128 (docs/accuracy.md).
 module campaign_samples_needed
    use campaign_pooling, only: fewest_samples, fitted_samples
    use campaign_results, only: case_statistics
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
-   public :: error_with, find_need, is_of_record, needs_more_samples, slip_error, slip_error_of, &
-             statistical_error, with_own_records
+   public :: error_with, find_need, is_mostly_time_average, needs_more_samples, slip_error, &
+             slip_error_of, statistical_error, with_own_records
 
-   real(wp), parameter :: points = 100.0_wp     !! of percent in a fraction
-   real(wp), parameter :: largest = 1.0e15_wp   !! number that is told
-   !> Share of the scatter that 131,072 windows and 4096 points leave, at most: see statistics_law.
+   real(wp), parameter :: points = 100.0_wp     !! percentage points of a fraction of 1
+   real(wp), parameter :: largest = 1.0e15_wp   !! largest number of samples or steps that is stated
+   !> Error of the points that represent the law over the scatter of samples, at most (131,072
+   !> windows and 4096 points: statistics_law).
    real(wp), parameter, public :: law_share = 1.0_wp/280.0_wp
 
-   !> Standard errors of the mean slip fractions of a case [points], a value a joint.
+   !> Standard errors of the mean slip fractions of a case (joint) [points].
    type :: slip_error
       integer :: n_samples = 0
-      integer :: n_cases = 0                 !! that may share samples, as in campaign_pooling
-      real(wp), allocatable :: samples(:)    !! due to the samples, their own records included
-      real(wp), allocatable :: ratio(:)      !! plain sampling's over `samples`
-      real(wp), allocatable :: record(:)     !! due to a record that all samples share
-      real(wp), allocatable :: own(:)        !! of one sample, due to a record of its own
-      logical :: has_own_records = .false.
+      integer :: n_cases = 0                 !! cases that may share samples, as in sharing_cases
+      real(wp), allocatable :: samples(:)    !! Monte Carlo error, own records of samples included
+      real(wp), allocatable :: ratio(:)      !! Monte Carlo error of plain sampling over `samples`
+      real(wp), allocatable :: record(:)     !! time-average error under one record of all samples
+      real(wp), allocatable :: own(:)        !! time-average error of one sample
+      logical :: has_own_records = .false.   !! true: each sample has its own force record
    end type slip_error
 
 contains
 
-   !> The errors of statistics; not allocated where the march is too short to tell them.
+   !> Standard errors that statistics state; not allocated if the march is too short for them.
    pure function slip_error_of(statistics, n_cases, has_own_records) result(error)
       type(case_statistics), intent(in) :: statistics   !! of two samples or more
       integer, intent(in) :: n_cases                    !! as in slip_error
@@ -56,8 +56,8 @@ contains
          error%own = hypot(error%record, points*statistics%slip_std_time_part)
    end function slip_error_of
 
-   !> The largest over the joints of the standard error of slip_mean [points]; huge when the march
-   !> is too short to tell it.
+   !> Total standard error of slip_mean, the largest over the joints [points]; huge if it is not
+   !> known.
    pure real(wp) function statistical_error(error)
       type(slip_error), intent(in) :: error
 
@@ -65,14 +65,14 @@ contains
       if (allocated(error%record)) statistical_error = maxval(hypot(error%samples, error%record))
    end function statistical_error
 
-   !> True if the record that all samples share makes more than half of the error's variance.
-   pure logical function is_of_record(error)
-      type(slip_error), intent(in) :: error   !! that is known
+   !> True if the time-average error under one record is more than half of the variance.
+   pure logical function is_mostly_time_average(error)
+      type(slip_error), intent(in) :: error   !! known
 
-      is_of_record = 2*maxval(error%record)**2 > statistical_error(error)**2
-   end function is_of_record
+      is_mostly_time_average = 2*maxval(error%record)**2 > statistical_error(error)**2
+   end function is_mostly_time_average
 
-   !> True if the error is above the target and more samples alone can bring it there.
+   !> True if the error is above the target and more samples alone can meet it.
    pure logical function needs_more_samples(error, target)
       type(slip_error), intent(in) :: error
       real(wp), intent(in) :: target   !! [points]
@@ -82,46 +82,46 @@ contains
                                                    statistical_error(error) > target
    end function needs_more_samples
 
-   !> Errors of the same case with a record for each sample instead of one for all.
+   !> Errors of the same case if each sample has its own force record.
    pure function with_own_records(shared) result(own)
-      type(slip_error), intent(in) :: shared
+      type(slip_error), intent(in) :: shared   !! errors under one record
       type(slip_error) :: own
 
       own = shared
       own%has_own_records = .true.
       own%record = 0.0_wp*shared%record
-      own%samples = hypot(shared%samples, shared%own/sqrt(real(shared%n_samples, wp)))
-      own%ratio = hypot(shared%samples*shared%ratio, &
-                        shared%own/sqrt(real(shared%n_samples, wp)))/max(own%samples, tiny(1.0_wp))
+      associate (record_part => shared%own/sqrt(real(shared%n_samples, wp)))
+         own%samples = hypot(shared%samples, record_part)
+         own%ratio = hypot(shared%samples*shared%ratio, record_part)/max(own%samples, tiny(1.0_wp))
+      end associate
    end function with_own_records
 
    !> Standard error with n samples instead of n_now.
    elemental real(wp) function error_with(n, n_now, now, ratio, own, n_cases) result(error)
       real(wp), intent(in) :: n, n_now
-      real(wp), intent(in) :: now     !! standard error with n_now samples
-      real(wp), intent(in) :: ratio   !! plain sampling's over it
-      real(wp), intent(in) :: own     !! as in slip_error; 0 where all samples share a record
+      real(wp), intent(in) :: now      !! standard error with n_now samples
+      real(wp), intent(in) :: ratio    !! standard error of plain sampling over it
+      real(wp), intent(in) :: own      !! as in slip_error; 0 under one record of all samples
       integer, intent(in) :: n_cases   !! as in slip_error
-      real(wp) :: of_law, of_records, shrink
+      real(wp) :: law, records, shrink   ! variances of now**2: points of the law, own records
 
       error = ratio*now*sqrt(n_now/n)
       if (n_cases == 0 .or. n < fewest_samples .or. ratio <= 1.0_wp) return
       shrink = fitted_samples(n_now, n_cases)/fitted_samples(n, n_cases)
-      of_records = min(own**2/n_now, now**2)
-      of_law = min((law_share*ratio*now)**2*n_now, now**2 - of_records)
-      error = min(error, sqrt(of_law + of_records*shrink &
-                              + (now**2 - of_records - of_law)*shrink**2))
+      records = min(own**2/n_now, now**2)
+      law = min((law_share*ratio*now)**2*n_now, now**2 - records)
+      error = min(error, sqrt(law + records*shrink + (now**2 - records - law)*shrink**2))
    end function error_with
 
-   !> Finds the samples and steps that bring the error to the target. Adds steps where the record
-   !> alone takes more than half of the allowed variance, so many that it takes half; time-average
-   !> errors fall as steps^(-1/2).
+   !> Finds the samples and steps that bring the error to the target. Adds steps if the time-average
+   !> error under one record is more than half of the allowed variance, until it is half; it falls
+   !> as n_steps^(-1/2).
    pure subroutine find_need(error, target, n_steps, samples_needed, steps_needed)
-      type(slip_error), intent(in) :: error   !! that is known
+      type(slip_error), intent(in) :: error   !! known
       real(wp), intent(in) :: target          !! [points]
-      integer, intent(in) :: n_steps          !! of the march that the errors are of
+      integer, intent(in) :: n_steps          !! measured steps of the march with these errors
       integer(long), intent(out) :: samples_needed, steps_needed
-      real(wp), parameter :: share = 0.5_wp   ! of the variance, that the record may take
+      real(wp), parameter :: share = 0.5_wp   ! of the variance, for the time-average error
       real(wp) :: allowed(size(error%record)), record(size(error%record))
       integer(long) :: too_few
 

@@ -1,13 +1,13 @@
-!> Order statistics of many columns of numbers, exact, while no rank holds a column whole.
+!> Exact order statistics of many columns of numbers, of which each rank has a part.
 !>
-!> A column is all samples' values of one quantity. Each wanted percentile has a bracket that its
-!> order statistics are expected in. Every value is counted that lies below the bracket, and kept
-!> where it lies inside. Those inside are few: joined from all ranks, a bracket at a time, and
-!> sorted they have the order statistics, the same on any number of ranks.
+!> A column is the values of one quantity of all samples. For each percentile there is a bracket in
+!> which its order statistics are expected. Values below the bracket are counted, values inside it
+!> are kept. They are few: joined from all ranks and sorted, they contain the order statistics, the
+!> same on any number of ranks.
 !>
-!> `start_selection`; `add` all values; `check` the sums of `counts` over the ranks, and add all
-!> again while brackets missed; then each bracket has its `order_statistics` by what all ranks have
-!> `kept`.
+!> Call `start_selection`; `add` all values; `check` with the sums of `counts` over the ranks. If a
+!> bracket misses its order statistics, add all values and check again. Then `order_statistics`
+!> finds those of a bracket in the values that all ranks have `kept`.
 module campaign_selection
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
@@ -20,19 +20,18 @@ module campaign_selection
       real(wp), allocatable :: value(:)
    end type kept_values
 
-   !> Values below a bracket and in it.
+   !> Places in `counts` of the values below a bracket and inside it.
    integer, parameter :: below = 1, inside = 2
 
-   !> Brackets of order statistics, and the values of one rank that lie in them.
+   !> Brackets of order statistics, with the counts and values of one rank.
    type :: selection_type
       private
-      !> (target, percentile) places among the values of a column, ascending from 1
-      integer, allocatable :: place(:, :)
-      real(wp), allocatable :: bracket(:, :, :)          !! (lower or upper end, percentile, column)
-      logical, allocatable :: is_met(:, :)               !! (percentile, column) by all places
-      integer, allocatable :: n_below(:, :)              !! (percentile, column) on all ranks
+      integer, allocatable :: rank(:, :)               !! (order statistic, percentile) in a column
+      real(wp), allocatable :: bracket(:, :, :)        !! (lower or upper end, percentile, column)
+      logical, allocatable :: is_complete(:, :)        !! (percentile, column) has all its ranks
+      integer, allocatable :: n_below(:, :)            !! (percentile, column) values on all ranks
       type(kept_values), allocatable, public :: kept(:, :)   !! (percentile, column) of this rank
-      !> (below or inside, percentile, column) this rank's values
+      !> (below or inside, percentile, column) number of values of this rank
       real(wp), allocatable, public :: counts(:, :, :)
    contains
       procedure :: add
@@ -42,18 +41,18 @@ module campaign_selection
 
 contains
 
-   !> Prepares a selection: the same on all ranks.
-   pure subroutine start_selection(place, bracket, selection)
-      integer, intent(in) :: place(:, :)          !! (target, percentile)
+   !> Prepares a selection, with the same arguments on all ranks.
+   pure subroutine start_selection(rank, bracket, selection)
+      integer, intent(in) :: rank(:, :)           !! (order statistic, percentile), from 1
       real(wp), intent(in) :: bracket(:, :, :)    !! (lower or upper end, percentile, column)
       type(selection_type), intent(out) :: selection
       integer :: c, p
 
-      selection%place = place
+      selection%rank = rank
       selection%bracket = bracket
       associate (np => size(bracket, 2), n_columns => size(bracket, 3))
          allocate (selection%kept(np, n_columns), selection%n_below(np, n_columns))
-         allocate (selection%is_met(np, n_columns), source=.false.)
+         allocate (selection%is_complete(np, n_columns), source=.false.)
          allocate (selection%counts(2, np, n_columns), source=0.0_wp)
          do c = 1, n_columns
             do p = 1, np
@@ -63,7 +62,7 @@ contains
       end associate
    end subroutine start_selection
 
-   !> Takes values of a column; each value once, on one rank.
+   !> Adds values of a column. Each value is added on one rank.
    pure subroutine add(self, column, values)
       class(selection_type), intent(inout) :: self
       integer, intent(in) :: column
@@ -71,7 +70,7 @@ contains
       integer :: p
 
       do p = 1, size(self%bracket, 2)
-         if (self%is_met(p, column)) cycle
+         if (self%is_complete(p, column)) cycle
          associate (counts => self%counts(:, p, column), low => self%bracket(1, p, column), &
                     high => self%bracket(2, p, column))
             counts(below) = counts(below) + count(values < low)
@@ -82,22 +81,22 @@ contains
       end do
    end subroutine add
 
-   !> Checks, by the counts added over the ranks, that every bracket holds its order statistics.
-   !> Else widens the others fully, and all values must be added again.
-   pure subroutine check(self, counts, all_met)
+   !> Checks that every bracket contains its order statistics. Extends those that do not to all
+   !> numbers; then all values must be added again.
+   pure subroutine check(self, counts, is_complete)
       class(selection_type), intent(inout) :: self
-      real(wp), intent(in) :: counts(:, :, :)   !! (below or inside, percentile, column)
-      logical, intent(out) :: all_met
+      real(wp), intent(in) :: counts(:, :, :)   !! sums of `counts` over the ranks
+      logical, intent(out) :: is_complete       !! all brackets do
       integer :: c, p
 
       do c = 1, size(counts, 3)
          do p = 1, size(counts, 2)
-            if (self%is_met(p, c)) cycle
-            associate (place => self%place(:, p), bracket => self%bracket(:, p, c), &
+            if (self%is_complete(p, c)) cycle
+            associate (rank => self%rank(:, p), bracket => self%bracket(:, p, c), &
                        kept => self%kept(p, c))
-               self%is_met(p, c) = minval(place) > counts(below, p, c) .and. &
-                                   maxval(place) <= sum(counts(:, p, c))
-               if (self%is_met(p, c)) then
+               self%is_complete(p, c) = minval(rank) > counts(below, p, c) .and. &
+                                        maxval(rank) <= sum(counts(:, p, c))
+               if (self%is_complete(p, c)) then
                   self%n_below(p, c) = nint(counts(below, p, c))
                else
                   if (bracket(2) >= huge(bracket)) error stop 'campaign_selection: not a number'
@@ -108,18 +107,18 @@ contains
             end associate
          end do
       end do
-      all_met = all(self%is_met)
+      is_complete = all(self%is_complete)
    end subroutine check
 
-   !> The order statistics in a bracket.
+   !> Order statistics in a bracket.
    pure function order_statistics(self, percentile, column, values) result(found)
       class(selection_type), intent(in) :: self
       integer, intent(in) :: percentile, column
-      real(wp), intent(in) :: values(:)   !! that all ranks have kept
-      real(wp) :: found(size(self%place, 1))   !! (target)
+      real(wp), intent(in) :: values(:)   !! values that all ranks have kept in this bracket
+      real(wp) :: found(size(self%rank, 1))   !! (order statistic)
 
       associate (ranking => sort_order(values))
-         found = values(ranking(self%place(:, percentile) - self%n_below(percentile, column)))
+         found = values(ranking(self%rank(:, percentile) - self%n_below(percentile, column)))
       end associate
    end function order_statistics
 

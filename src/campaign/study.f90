@@ -1,4 +1,5 @@
-!> A campaign as blocks of samples, which ranks claim, and the friction of a block.
+!> Divides a campaign into claims, the samples that a rank takes at once, and draws the friction of
+!> a block.
 module campaign_study
    use campaign_plan, only: have_same_force, plan_type
    use campaign_runner, only: block_width
@@ -11,7 +12,7 @@ module campaign_study
    private
    public :: block_range, claim_type, draw_friction, open_claims
 
-   integer, parameter :: most_block_claimers = 64   !! ranks that claim a block at a time
+   integer, parameter :: most_block_claimers = 64   !! ranks up to which a claim is one block
 
    !> Consecutive samples of a case.
    type :: block_range
@@ -19,8 +20,8 @@ module campaign_study
       integer :: first = 0, last = 0   !! sample numbers, from 1
    end type block_range
 
-   !> Samples that a rank takes at a time: of one case, a block or more, or of several cases that
-   !> march as one block.
+   !> Samples that a rank takes at once: one or more blocks of a case, or samples of several cases
+   !> that march as one block.
    type :: claim_type
       type(block_range), allocatable :: ranges(:)
    contains
@@ -29,15 +30,15 @@ module campaign_study
 
 contains
 
-   !> Samples that are still to be run, as ranks claim them, most first so that ranks end together.
-   !> A claim is one block. For more than most_block_claimers ranks, whose shards would be too many,
-   !> it is up to 1/(3 n_ranks) of the blocks that are left (guided self-scheduling): a rank with a
+   !> Claims of all samples that are not finished, the largest first so that ranks end together. A
+   !> claim is one block. For more than most_block_claimers ranks, whose shards would be too many,
+   !> it is up to 1/(3 n_ranks) of the remaining blocks (guided self-scheduling): a rank with a
    !> third of the others' speed does not end after them.
    pure function open_claims(plan, is_finished, n_ranks, is_shared) result(claims)
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: is_finished(:, :)   !! (sample, case)
-      integer, intent(in) :: n_ranks             !! that share them
-      !> Other runs take some, by the names of their shards: each claim is a block of one case
+      integer, intent(in) :: n_ranks
+      !> true: other runs share the samples, by the names of shards; a claim is a block of one case
       logical, intent(in) :: is_shared
       type(claim_type), allocatable :: claims(:)
       type(block_range), allocatable :: ranges(:)
@@ -75,12 +76,12 @@ contains
       claims = claims(sort_order(-real(claims%n_samples(), wp)))
    end function open_claims
 
-   !> Joins ranges that do not fill a block, of cases under the same force: a block takes nearly the
+   !> Joins ranges that do not fill a block, of cases with the same force: a block takes nearly the
    !> same time with any number of samples. At least `fewest` claims are left.
    pure subroutine join_ranges(plan, ranges, width, fewest, claims)
       type(plan_type), intent(in) :: plan
       type(block_range), intent(in) :: ranges(:)   !! longest first
-      integer, intent(in) :: width                 !! of a block
+      integer, intent(in) :: width                 !! samples of a block
       integer, intent(in) :: fewest
       type(claim_type), allocatable, intent(out) :: claims(:)
       type(claim_type), allocatable :: joined(:)
@@ -102,7 +103,7 @@ contains
 
    contains
 
-      !> The first claim that a range may join; the next one without.
+      !> Number of the first claim that a range may join; n + 1 if there is none.
       pure integer function place_of(range) result(place)
          type(block_range), intent(in) :: range
 
@@ -129,12 +130,11 @@ contains
       n_samples = sum(self%ranges%last - self%ranges%first + 1)
    end function n_samples
 
-   !> Draws the friction coefficients of a block, each sample from its own stream, or takes the
-   !> given ones.
+   !> Draws the friction of a block, each sample from its own random stream, or takes given values.
    subroutine draw_friction(plan, models, ranges, friction)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)   !! (process)
-      type(block_range), intent(in) :: ranges(:)          !! of the block
+      type(block_range), intent(in) :: ranges(:)          !! samples of the block
       real(wp), allocatable, intent(out) :: friction(:, :)   !! (joint, sample)
       real(wp) :: values(plan%structure%n_points)
       type(stream_type) :: stream

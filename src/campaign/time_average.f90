@@ -1,12 +1,15 @@
-!> How far averages over a march of finite length are from those over an endless one.
+!> Time-average errors of slip fractions.
 !>
-!> The measured part of a march is cut into spans of equal length, and the fraction of time in slip
-!> within each is kept: a coarse series, which costs nothing. Its autocovariance tells the error of
-!> a sample's slip fraction. What the samples of a case have in common (one record of the force for
-!> all) does not average out over samples and is the error of the mean; what each has of its own
-!> widens the spread. The autocovariance of all samples, averaged, is that of their mean series plus
-!> that of the deviations from it, so one pass over the samples tells both. Groups of samples may be
-!> taken by different ranks: sums over the ranks of what a collector has make one that has all.
+!> The measured part of a march is divided into spans of equal length, and the slip fraction in each
+!> span is kept. The autocovariance of this series gives the time-average error of the slip fraction
+!> of a sample.
+!>
+!> The series of a sample is the mean series of its case plus a deviation. The mean series is what
+!> all samples have in common (one force record): its error does not average out and is the
+!> time-average error of the mean. The deviations increase the standard deviation over samples. The
+!> mean autocovariance of the samples is that of the mean series plus that of the deviations, so one
+!> pass over the samples gives both. Ranks may add different groups of samples: the sums of a
+!> collector are then summed over the ranks.
 module campaign_time_average
    use campaign_plan, only: integration_settings
    use campaign_results, only: case_statistics
@@ -17,15 +20,15 @@ module campaign_time_average
    public :: count_spans, end_of_span, errors_of_averages, fewest_spans, span_collector, &
              start_spans, time_average_method
 
-   integer, parameter :: most_spans = 64      !! of a march
+   integer, parameter :: most_spans = 64      !! largest number of spans
    integer, parameter :: shortest_span = 32   !! [step]
-   integer, parameter :: fewest_spans = 16    !! that an error is estimated from
+   integer, parameter :: fewest_spans = 16    !! number of spans below which no error is estimated
 
    character(*), parameter :: time_average_method = &
                              'autocovariance of the slip fractions of equal spans, summed over '// &
                               'the initial monotone sequence (Geyer 1992)'
 
-   !> Takes the series of the samples of a case, by groups.
+   !> Sums over the series of the samples of a case.
    type :: span_collector
       real(wp), allocatable :: common(:, :, :)          !! (span, joint, group) sum over samples
       real(wp), allocatable :: autocovariance(:, :, :)  !! (lag, joint, group) sum over samples
@@ -36,7 +39,7 @@ module campaign_time_average
 
 contains
 
-   !> Spans of a march: fewer where each would be too short to be worth looking at.
+   !> Number of spans of a march: at most 64, each of at least 32 steps.
    pure function count_spans(integration) result(n)
       type(integration_settings), intent(in) :: integration
       integer :: n
@@ -45,10 +48,10 @@ contains
       n = max(1, min(most_spans, n))
    end function count_spans
 
-   !> The step that a span ends with; 0: that before the first. Lengths differ by one step at most.
+   !> Last step of a span. Lengths differ by one step at most.
    pure function end_of_span(integration, span) result(step)
       type(integration_settings), intent(in) :: integration
-      integer, intent(in) :: span
+      integer, intent(in) :: span   !! 0: the transient
       integer :: step
 
       associate (n => integration%n_steps - integration%n_discard)
@@ -56,7 +59,7 @@ contains
       end associate
    end function end_of_span
 
-   !> Standard errors of slip fractions, for a march of finite length.
+   !> Time-average errors of the slip fractions of samples.
    pure function errors_of_averages(series) result(errors)
       real(wp), intent(in) :: series(:, :, :)   !! (joint, span, sample) slip fractions
       real(wp) :: errors(size(series, 1), size(series, 3))
@@ -79,7 +82,7 @@ contains
                 spans%autocovariance(n_spans/2, n_joints, n_groups), source=0.0_wp)
    end subroutine start_spans
 
-   !> Takes the next samples of a group.
+   !> Adds the next samples of a group.
    pure subroutine add(self, group, series)
       class(span_collector), intent(inout) :: self
       integer, intent(in) :: group
@@ -97,13 +100,14 @@ contains
       end do
    end subroutine add
 
-   !> Computes the time-average errors of the mean and of the standard deviation over samples, of
-   !> which there must be at least two.
+   !> Computes the time-average errors of the mean and of the standard deviation over two or more
+   !> samples.
    pure subroutine finish(self, n_samples, statistics)
       class(span_collector), intent(in) :: self
       integer, intent(in) :: n_samples
       type(case_statistics), intent(inout) :: statistics
-      real(wp) :: common(size(self%autocovariance, 1)), own(size(self%autocovariance, 1))
+      ! autocovariances of the mean series and of the deviations from it
+      real(wp), dimension(size(self%autocovariance, 1)) :: common, own
       integer :: joint, n
 
       n = size(self%common, 1)

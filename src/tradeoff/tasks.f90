@@ -47,9 +47,9 @@ module tradeoff_tasks
    !> Parts of a tradeoff that are wanted. Statistical parts and variants need models.
    type :: scope_type
       real(wp) :: budget = 0.0_wp         !! expected processor time of the marches [s]
-      logical :: at_other_dt = .false.    !! includes settings with other steps than the scene's
-      logical :: has_settings = .true.    !! compares settings
-      logical :: is_statistical = .false. !! estimates time-average and Monte Carlo errors
+      logical :: at_other_dt = .false.    !! true: compares other steps than the scene's too
+      logical :: has_settings = .true.    !! true: compares settings
+      logical :: is_statistical = .false. !! true: finds time-average and Monte Carlo errors
       type(process_model_type), allocatable :: models(:)     !! (process), solved
       type(variant_type), allocatable :: variants(:)
       type(process_model_type), allocatable :: variant_models(:)   !! some have no solution
@@ -77,7 +77,7 @@ module tradeoff_tasks
       integer :: n_wide = 0                 !! samples of a variant's march
       type(task_result), allocatable :: results(:)       !! (task)
       type(block_result), allocatable :: references(:)   !! (level)
-      type(runner_type) :: runner           !! campaign whose force the marches use
+      type(runner_type) :: runner           !! runner of the campaign, which gives the force
    end type tradeoff_type
 
 contains
@@ -133,10 +133,10 @@ contains
       end associate
       call prepare_runner(with_shorter_record(plan, tradeoff), file_force, tradeoff%runner, error)
       if (allocated(error)) return
-      associate (layout => tradeoff%runner%layout, how => plan%integration)
+      associate (layout => tradeoff%runner%layout, integration => plan%integration)
          if (plan%output%spectrum) tradeoff%n_segments = &
-            count_segments((how%n_steps - how%n_discard)/layout%every, layout%segment_length, &
-                           layout%overlap)
+            count_segments((integration%n_steps - integration%n_discard)/layout%every, &
+                           layout%segment_length, layout%overlap)
       end associate
       call march_references(tradeoff, should_stop, error)
       if (allocated(error)) return
@@ -160,7 +160,7 @@ contains
       if (short%integration%n_steps < plan%integration%n_steps) short%integration%n_discard = 0
    end function with_shorter_record
 
-   !> Number of steps that a budget allows.
+   !> Number of steps that the budget allows.
    pure integer function affordable(budget, cost)
       real(wp), intent(in) :: budget   !! [s]
       real(wp), intent(in) :: cost     !! of a step [ns]
@@ -186,12 +186,12 @@ contains
       type(tradeoff_type), intent(inout) :: tradeoff
       procedure(stop_query) :: should_stop
       type(error_type), allocatable, intent(out) :: error
-      type(setting_type) :: counted
+      type(setting_type) :: setting
       real(wp) :: expected, measured, nanoseconds   ! summed over levels
       integer :: k, n
 
-      counted = reference_setting
-      call count_work(tradeoff%plan, counted, error)
+      setting = reference_setting
+      call count_work(tradeoff%plan, setting, error)
       if (allocated(error)) return
       expected = 0.0_wp
       measured = 0.0_wp
@@ -204,13 +204,12 @@ contains
             call draw_level(campaign, tradeoff%runner, n, level, error, tradeoff%scope%models)
             if (allocated(error)) return
             if (size(tradeoff%settings) == 0) cycle
-            call march_level(plan, level, counted, should_stop, reference, nanoseconds, error)
+            call march_level(plan, level, setting, should_stop, reference, nanoseconds, error)
             if (allocated(error) .or. reference%n_samples == 0) return
-            tradeoff%transitions(k) = &
-               sum(reference%slip_starts + reference%stick_starts) &
-               /(real(plan%integration%n_steps, wp)*size(level%sample))
+            tradeoff%transitions(k) = sum(reference%slip_starts + reference%stick_starts) &
+                                      /(real(plan%integration%n_steps, wp)*size(level%sample))
             measured = measured + nanoseconds
-            expected = expected + expected_cost(counted, plan%structure%n_dof, &
+            expected = expected + expected_cost(setting, plan%structure%n_dof, &
                                                 size(level%sample), tradeoff%transitions(k))
          end associate
       end do
