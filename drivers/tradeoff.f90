@@ -1,4 +1,4 @@
-!> `entroslip tradeoff`: what accuracy costs in this scene, measured on a small piece of it.
+!> `entroslip tradeoff`: measures on a small part of a scene what accuracy costs.
 module driver_tradeoff
    use campaign_plan, only: plan_type
    use config_scene, only: scene_type
@@ -29,8 +29,8 @@ module driver_tradeoff
    private
    public :: tradeoff
 
-   !> Expected processor time of the comparison of settings [s]. Time averages and spectra take as
-   !> much, variants a third.
+   !> Expected processor time of the comparison of settings [s]. Batches and spectra take the same,
+   !> variants a third.
    real(wp), parameter :: budget = 15.0_wp
 
 contains
@@ -102,7 +102,7 @@ contains
       found%variants = variant_rows_of(found%tradeoff)
    end subroutine measure_march
 
-   !> Fits the scene's processes with other orders and fit lengths. Collective.
+   !> Fits the scene's processes with other orders and other lengths of the fit. Collective.
    subroutine fit_variants(world, plan, is_quiet, scope)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -119,7 +119,7 @@ contains
       call solve_processes(world, varied, is_quiet, scope%variant_models)
    end subroutine fit_variants
 
-   !> All that the terminal gets.
+   !> Text for the terminal.
    function text_of(plan, models, found, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
@@ -144,7 +144,7 @@ contains
          text = text//orders_text(found%orders)//line_feed//fits_text(models)
    end function text_of
 
-   !> Writes the file, whole or not at all.
+   !> Writes the results file, whole or not at all.
    subroutine write_findings(output, plan, found, error)
       type(output_type), intent(inout) :: output
       type(plan_type), intent(in) :: plan

@@ -1,5 +1,5 @@
-!> Text of `entroslip tradeoff`, a table each: settings, wanted and found errors, sizes, spectra,
-!> processes fitted otherwise.
+!> Tables of `entroslip tradeoff`: settings, cheapest settings for wanted errors, components of the
+!> error, numbers of samples and steps, spectra, orders of processes and lengths of their fits.
 module driver_tradeoff_text
    use campaign_plan, only: plan_type
    use core_kinds, only: wp
@@ -22,10 +22,10 @@ module driver_tradeoff_text
 
 contains
 
-   !> event, tolerance 1e-3; newmark, dt 0.0042, 4 halvings
+   !> Text on a setting, as "event, tolerance 1e-3" or "newmark, dt 0.0042, 4 halvings".
    pure function setting_text(setting, dt) result(text)
       type(setting_type), intent(in) :: setting
-      real(wp), intent(in) :: dt   !! the scene's [s]
+      real(wp), intent(in) :: dt   !! step of the scene [s]
       character(:), allocatable :: text
 
       text = trim(setting%method)
@@ -37,7 +37,7 @@ contains
       end if
    end function setting_text
 
-   !> Marches that were made, and the front as a table with the scene's own setting.
+   !> Table of the settings on the front and of the scene's own, with the extent of the marches.
    pure function settings_text(plan, tradeoff, rows, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
@@ -88,19 +88,20 @@ contains
 
    end function settings_text
 
+   !> True if the results have bands: spectra over several samples.
    pure logical function has_bands(plan)
       type(plan_type), intent(in) :: plan
 
       has_bands = plan%output%spectrum .and. maxval(plan%cases%n_samples) > 1
    end function has_bands
 
-   !> The cheapest setting for wanted errors: the scene's targets, or a ladder.
+   !> Lines on the cheapest setting for wanted errors: the scene's targets, or a list of errors.
    pure function wanted_text(plan, rows, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
       type(setting_row), intent(in) :: rows(:)
       integer, intent(in) :: n_ranks
       character(:), allocatable :: text
-      real(wp), parameter :: ladder(*) = [1.0_wp, 0.1_wp, 1.0e-2_wp, 1.0e-3_wp, 1.0e-6_wp]
+      real(wp), parameter :: errors(*) = [1.0_wp, 0.1_wp, 1.0e-2_wp, 1.0e-3_wp, 1.0e-6_wp]
       integer :: i
 
       associate (points => plan%accuracy%target_slip_points, &
@@ -109,8 +110,8 @@ contains
          if (max(points, ratio) > 0.0_wp) text = answer(points, ratio)
          if (text /= '') return
       end associate
-      do i = 1, size(ladder)
-         text = text//answer(ladder(i), 0.0_wp)
+      do i = 1, size(errors)
+         text = text//answer(errors(i), 0.0_wp)
       end do
 
    contains
@@ -136,7 +137,7 @@ contains
 
    end function wanted_text
 
-   !> Parts of the error, the largest of them, and the cost of halving it.
+   !> Table of the components of the error, with the largest of them and the cost of halving it.
    pure function components_text(plan, rows, own, errors, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
       type(setting_row), intent(in) :: rows(:)
@@ -144,7 +145,7 @@ contains
       type(error_components), intent(in) :: errors
       integer, intent(in) :: n_ranks
       character(:), allocatable :: now, text
-      real(wp) :: parts(3)   !! of the error of slip
+      real(wp) :: parts(3)   ! components of the error of slip
 
       text = 'error now        slip [points] its std  spectrum [%] percentiles [%]  bands [%]'// &
              line_feed//component_text(plan, 'discretisation', errors%discretisation)// &
@@ -171,8 +172,7 @@ contains
 
    contains
 
-      !> Advice to draw a record for each sample: then more samples lower the time-average error
-      !> too.
+      !> Advice to draw a record for each sample, so that more samples lower the time-average error.
       pure function own_records() result(words)
          character(:), allocatable :: words
 
@@ -211,7 +211,7 @@ contains
       end function as_long
    end function components_text
 
-   !> A component of the error, of all that is published.
+   !> Line on one component of the error, for all published numbers.
    pure function component_text(plan, name, error) result(line)
       type(plan_type), intent(in) :: plan
       character(*), intent(in) :: name
@@ -227,7 +227,7 @@ contains
       end associate
    end function component_text
 
-   !> A number, or '-' where there is none.
+   !> A number, or '-' if it is not known.
    pure function known(value, is_known) result(text)
       real(wp), intent(in) :: value
       logical, intent(in) :: is_known
@@ -237,7 +237,7 @@ contains
       if (is_known) text = brief(value)
    end function known
 
-   !> Time of the march of the whole scene with a setting, or so many times of it.
+   !> Run time of the whole scene with a setting, multiplied by `times`.
    pure function run_time(plan, row, n_ranks, times) result(text)
       type(plan_type), intent(in) :: plan
       type(setting_row), intent(in) :: row
@@ -252,7 +252,7 @@ contains
       if (seconds < 1.0_wp) text = brief(seconds)//' s'
    end function run_time
 
-   !> The whole error that other numbers of samples and steps would leave, and their time.
+   !> Table of the total errors and run times with other numbers of samples and steps.
    pure function sizes_text(plan, rows, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
       type(size_row), intent(in) :: rows(:)
@@ -275,7 +275,7 @@ contains
       end do
    end function sizes_text
 
-   !> Table: change and cost of the ways to form spectra.
+   !> Table of changes of band ratios and cost by spectrum_every and segment_length.
    pure function spectra_text(rows) result(text)
       type(spectrum_row), intent(in) :: rows(:)
       character(:), allocatable :: text
@@ -289,7 +289,7 @@ contains
       end do
    end function spectra_text
 
-   !> Table: the change of published numbers with orders and lengths of fits.
+   !> Table of changes of published numbers with orders and lengths of fits.
    pure function variants_text(plan, variants, rows) result(text)
       type(plan_type), intent(in) :: plan
       type(variant_type), intent(in) :: variants(:)
@@ -327,6 +327,7 @@ contains
                                  'dofs +- standard error'//line_feed
    end function variants_text
 
+   !> Heading of the variants of a process, orders or lengths of the fit.
    pure function heading(variant) result(text)
       type(variant_type), intent(in) :: variant
       character(:), allocatable :: text
@@ -340,6 +341,7 @@ contains
       end associate
    end function heading
 
+   !> A number with its standard error.
    pure function with_error(value, standard_error) result(text)
       real(wp), intent(in) :: value, standard_error
       character(:), allocatable :: text
@@ -347,7 +349,7 @@ contains
       text = brief(value)//'+-'//brief(standard_error)
    end function with_error
 
-   !> Table: entropy and time by the order of the processes.
+   !> Table of entropy, the other correlation length and time of the fit by the order of processes.
    pure function orders_text(rows) result(text)
       type(order_row), intent(in) :: rows(:)
       character(:), allocatable :: text, other
@@ -369,7 +371,7 @@ contains
              line_feed
    end function orders_text
 
-   !> Standard errors that the simulated fits of positive processes end with.
+   !> Table of the standard errors of positive processes that are fitted to simulated values.
    pure function fits_text(models) result(text)
       type(process_model_type), intent(in) :: models(:)
       character(:), allocatable :: text

@@ -1,13 +1,13 @@
-!> Settings of a scene measured by all ranks together, and chosen for the numerical errors that it
-!> wants: the least work that keeps them.
+!> Measures settings in trial marches on all ranks, and chooses for the targets of numerical error
+!> the setting with the least work.
 !>
-!> The step is the scene's own. A coarser one would be another force, as `dt` is the distance of its
-!> values; a finer one would serve Newmark's scheme alone, and costs more than what is chosen
-!> without it (bench/targets.py, docs/accuracy.md).
+!> The step stays that of the scene. A larger one would be another force, as `dt` is the distance of
+!> its values; a smaller one would serve Newmark's scheme alone, and costs more than the settings
+!> with the scene's step (bench/targets.py, docs/accuracy.md).
 !>
-!> The choice is made from errors that a short march measures and from counted work, not from times:
-!> the same on any number of ranks and whenever a run is started again. It becomes the scene's own
-!> setting, and so part of what shards and results are known by.
+!> The choice depends on measured errors and on counted work, not on times: it is the same on any
+!> number of ranks and in any repetition. It becomes the setting of the scene, and so part of the
+!> fingerprint of shards and results.
 module driver_trial_runs
    use campaign_plan, only: plan_type
    use config_scene, only: scene_type
@@ -32,11 +32,11 @@ module driver_trial_runs
    public :: keep_targets, thin_spectra
 
    character, parameter :: line_feed = new_line('a')
-   real(wp), parameter :: budget = 3.0_wp   !! expected processor time of the measurement [s]
+   real(wp), parameter :: budget = 3.0_wp   !! expected processor time of the trial marches [s]
 
 contains
 
-   !> Marches what the scope names; every rank gets all results. Collective.
+   !> Runs the trial marches of a scope. Every rank gets all results. Collective.
    subroutine measure_settings(world, plan, force, scope, is_quiet, tradeoff, is_stopped, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -44,7 +44,7 @@ contains
       type(scope_type), intent(in) :: scope
       logical, intent(in) :: is_quiet
       type(tradeoff_type), intent(out) :: tradeoff
-      logical, intent(out) :: is_stopped     !! early, as asked: results are missing
+      logical, intent(out) :: is_stopped     !! true: stopped early, results are missing
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: thinned
       real(wp), allocatable :: unused(:, :)
@@ -64,8 +64,7 @@ contains
       is_stopped = world%any_true(time_to_stop())
    end subroutine measure_settings
 
-   !> Chooses which steps the spectra of a plan need, the same on every rank, where it has spectra.
-   !> Collective.
+   !> Chooses output%spectrum_every of a plan with spectra, the same on every rank. Collective.
    subroutine thin_spectra(world, plan, force, folded_share, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(inout) :: plan
@@ -79,7 +78,7 @@ contains
       call world%broadcast(folded_share)
    end subroutine thin_spectra
 
-   !> Shares out the tasks among the ranks; then all have all results. Collective.
+   !> Runs the tasks, shared among the ranks, and gives every rank all results. Collective.
    subroutine share_tasks(world, tradeoff, is_quiet, error)
       type(world_type), intent(in) :: world
       type(tradeoff_type), intent(inout) :: tradeoff
@@ -122,13 +121,13 @@ contains
       end do
    end subroutine share_tasks
 
-   !> Replaces the scene's setting where the scene has a target of numerical error; ends the run
-   !> where none keeps it, or where it is asked to stop. Collective.
+   !> Replaces the scene's setting if the scene has a target of numerical error. Ends the run if no
+   !> setting keeps it, or if it is asked to stop. Collective.
    subroutine keep_targets(world, scene, plan, choice)
       type(world_type), intent(in) :: world
       type(scene_type), intent(inout) :: scene
       type(plan_type), intent(inout) :: plan
-      character(:), allocatable, intent(out) :: choice   !! and why; '' without target
+      character(:), allocatable, intent(out) :: choice   !! text on the choice; '' without target
       type(tradeoff_type) :: measured
       type(setting_row), allocatable :: rows(:)
       type(error_type), allocatable :: error
@@ -157,7 +156,7 @@ contains
       choice = choice(:len(choice) - 1)
    end subroutine keep_targets
 
-   !> Refuses targets that no setting keeps; names the target and the nearest setting.
+   !> Refuses targets that no setting keeps; the message names a target and the nearest setting.
    pure subroutine refuse(points, ratio, nearest, plan, error)
       real(wp), intent(in) :: points, ratio   !! targets; 0: none
       type(setting_row), intent(in) :: nearest
@@ -177,8 +176,8 @@ contains
                  ', twice its standard error included')
    end subroutine refuse
 
-   !> event, tolerance 1e-3: the least work at the scene's dt that keeps slip to 0.1 points
-   !> (measured 2.2e-9)
+   !> Text on a choice, as "event, tolerance 1e-3: the least work at the scene's dt that keeps slip
+   !> to 0.1 points (measured 2.2e-9)".
    pure function reason(row, plan) result(text)
       type(setting_row), intent(in) :: row
       type(plan_type), intent(in) :: plan
