@@ -59,7 +59,7 @@ def of_processes(results: Results) -> Iterator[Figure]:
             "fig_04", "Fig. 4. The correlation length that was not imposed",
             "With L0 imposed (full lines) L1 grows with the order; with L1 imposed (dashed) L0"
             " falls. Infinite sums. The paper reads off its figure that 6 is the largest order with"
-            " L0 = 0.3 and L1 at most 1. Here it is 5: at order 6 L1 is 1.03.",
+            " L0 = 0.3 and L1 at most 1; here it is 5: at order 6 L1 is 1.03.",
             _PROCESSES, (partial(process_figures.plot_achieved_lengths, processes=regressive),),
             ("S4", "S5"),
         )  # fmt: skip
@@ -163,9 +163,10 @@ def _shape_of_covariances(panel: list[xr.Dataset]) -> str:
         for process, order in zip(ordered, orders, strict=True)
     ]
     name = "m_max" if panel[0].attrs["method"] == "direct" else "order"
+    first = f"goes from {sizes[0].max():.3g} at {name} {orders[0]} to" if len(orders) > 1 else "is"
     said = (
-        f"The largest value beyond lag 0 goes from {sizes[0].max():.3g} at {name} {orders[0]} to"
-        f" {sizes[-1].max():.3g} at {name} {orders[-1]}, where lag 1 has {sizes[-1][0]:.3g} and lag"
+        f"The largest value beyond lag 0 {first} {sizes[-1].max():.3g} at {name} {orders[-1]},"
+        f" where lag 1 has {sizes[-1][0]:.3g} and lag"
         f" {orders[-1]} {sizes[-1][-1]:.3g}"
     )
     if name == "m_max":

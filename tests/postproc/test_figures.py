@@ -60,6 +60,14 @@ def test_captions_of_covariances_are_measured():
     assert "constant in the lag" in caption
 
 
+def test_captions_of_other_processes_are_whole_sentences():
+    """Only half of what the paper says of L0 = 0.3 was left out, and 0.5 went to 0.5."""
+    found = figures_of(*(process(0.7, order, method="autoregressive") for order in (1, 2)))
+    assert "order 6" not in found["fig_04"].outside_the_paper().caption
+    caption = figures_of(process(0.7, 1))["fig_01a"].caption
+    assert caption.startswith("The largest value beyond lag 0 is 0.5 at m_max 1, where lag 1 has")
+
+
 def test_chosen_orders_are_drawn_on_a_logarithmic_axis(axes):
     lengths = [process(1.0, 4, method="autoregressive", correlation=name) for name in ("L0", "L1")]
     process_figures.plot_chosen_orders(axes, lengths)
