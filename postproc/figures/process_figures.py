@@ -216,8 +216,10 @@ def _bounded(process: xr.Dataset) -> list[str]:
 def _bound(process: xr.Dataset, name: str) -> str:
     side = str(process.attrs.get("bound_side", "automatic"))
     is_lower = side == "lower" or (side == "automatic" and name == "l0")
-    sign = "≥" if is_lower else "≤"
-    return f"{_symbol(name.upper())} {sign} {float(process.attrs[f'bound_{name}']):g}"
+    length, bound = _symbol(name.upper()), f"{float(process.attrs[f'bound_{name}']):g}"
+    if "upper_bound" in process.attrs:
+        return f"{bound} ≤ {length} ≤ {float(process.attrs['upper_bound']):g}"
+    return f"{length} {'≥' if is_lower else '≤'} {bound}"
 
 
 def _frame_orders(axes: Axes) -> None:

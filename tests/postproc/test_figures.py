@@ -60,6 +60,12 @@ def test_captions_of_covariances_are_measured():
     assert "constant in the lag" in caption
 
 
+def test_a_range_of_the_other_length_is_named(axes):
+    bounds = {"correlation": "L1", "bound_l0": 0.3, "upper_bound": 0.5}
+    process_figures.plot_chosen_orders(axes, [process(0.7, 3, method="autoregressive", **bounds)])
+    assert drawn(axes) == ["$L_1$ = 0.7, 0.3 ≤ $L_0$ ≤ 0.5: order 3"]
+
+
 def test_captions_of_other_processes_are_whole_sentences():
     """Only half of what the paper says of L0 = 0.3 was left out, and 0.5 went to 0.5."""
     found = figures_of(*(process(0.7, order, method="autoregressive") for order in (1, 2)))
