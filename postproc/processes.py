@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Mapping, Sequence
 
 import xarray as xr
 
@@ -37,6 +37,18 @@ def kind_of(process: xr.Dataset) -> Kind:
     """Method, correlation, length and order: a positive process shares them with its free twin."""
     of = process.attrs
     return str(of["method"]), str(of["correlation"]), length_of(process), int(of["order"])
+
+
+def scale_of(process: xr.Dataset) -> tuple[float, float]:
+    """Mean and standard deviation imposed."""
+    return float(process.attrs["mean"]), float(process.attrs["std"])
+
+
+def scale_name(process: xr.Dataset, processes: Sequence[xr.Dataset]) -> str:
+    """'mean 3', with ', std 1' where the processes have several."""
+    mean, std = scale_of(process)
+    has_several = len({scale_of(p)[1] for p in processes}) > 1
+    return f"mean {mean:g}, std {std:g}" if has_several else f"mean {mean:g}"
 
 
 def model_of(process: xr.Dataset) -> str:

@@ -17,6 +17,8 @@ from ..processes import (
     is_positive,
     length_of,
     order_of,
+    scale_name,
+    scale_of,
 )  # fmt: skip
 from . import style
 
@@ -107,11 +109,11 @@ def plot_chosen_orders(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
 
 
 def plot_positive(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
-    """Fig. 6: without sign constraint, and positive with several means, by either law."""
-    means = sorted({float(p.attrs["mean"]) for p in processes if is_positive(p)})
+    """Fig. 6: without sign constraint, and positive of several means and stds, by either law."""
+    positive = [process for process in processes if is_positive(process)]
     for process in processes:
         curve = correlation_of(process)
-        label, look = _look_of_law(process, means)
+        label, look = _look_of_law(process, positive)
         axes.plot(curve["lag"], curve, label=label, **look)
     _frame_lags(axes)
     axes.set_ylabel("autocovariance / variance")
@@ -144,10 +146,9 @@ def plot_positive_difference(axes: Axes, processes: Sequence[xr.Dataset]) -> Non
     """Fig. 6, enlarged: differences from the process without sign constraint, two s.e. as bars."""
     free = next(process for process in processes if not is_positive(process))
     positive = [process for process in processes if is_positive(process)]
-    means = sorted({float(process.attrs["mean"]) for process in positive})
     for process in positive:
         difference = difference_from_free(process, free)
-        label, look = _look_of_law(process, means)
+        label, look = _look_of_law(process, positive)
         axes.errorbar(difference["lag"], difference["value"], yerr=2.0 * difference["error"],
                       label=label, elinewidth=0.8, **look)  # fmt: skip
     axes.axhline(0.0, color="0.3", linewidth=0.9, zorder=0)
@@ -169,15 +170,16 @@ def plot_realizations(axes: Axes, process: xr.Dataset) -> None:
     axes.legend()
 
 
-def _look_of_law(process: xr.Dataset, means: Sequence[float]) -> tuple[str, style.Look]:
+def _look_of_law(process: xr.Dataset, positive: Sequence[xr.Dataset]) -> tuple[str, style.Look]:
     if not is_positive(process):
         return "without sign constraint", {"color": "0.2"}
-    mean, law = float(process.attrs["mean"]), str(process.attrs["sampler"])
-    rank = means.index(mean)
-    look = style.of_rank(rank, max(len(means), 2))
+    law = str(process.attrs["sampler"])
+    scales = sorted({scale_of(p) for p in positive})
+    rank = scales.index(scale_of(process))
+    look = style.of_rank(rank, max(len(scales), 2))
     look |= {"markersize": 9 - 4 * min(rank, 1), "markerfacecolor": "none"}  # one inside the other
     look |= {"linestyle": "none"} if law == "sequential" else {"linestyle": "--", "marker": "x"}
-    return f"positive, mean {mean:g}, {law}", look
+    return f"positive, {scale_name(process, positive)}, {law}", look
 
 
 def _by_length(

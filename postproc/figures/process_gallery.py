@@ -18,6 +18,8 @@ from ..processes import (
     length_of,
     model_of,
     order_of,
+    scale_name,
+    scale_of,
 )
 from ..results import Results
 from . import process_figures
@@ -32,7 +34,10 @@ def of_processes(results: Results) -> Iterator[Figure]:
         return
     processes = [p for p in results.processes.values() if is_maximum_entropy(p)]
     solved = [p for p in processes if p.attrs["status"] == "solved"]
-    free = [p for p in solved if not is_positive(p)]
+    all_free = [p for p in solved if not is_positive(p)]
+    first = {kind_of(p): scale_of(p) for p in reversed(all_free)}
+    free = [p for p in all_free if scale_of(p) == first[kind_of(p)]]
+    omitted = " Other means and stds change the scale alone." if len(free) < len(all_free) else ""
     asked = [p for p in free if int(p.attrs["order"]) > 0]
     regressive = [p for p in asked if p.attrs["method"] == "autoregressive"]
     for number, method, family in (
@@ -43,7 +48,7 @@ def of_processes(results: Results) -> Iterator[Figure]:
             yield Figure(
                 f"fig_{number:02d}{name}",
                 f"Fig. {number}{name[0]}. Autocovariance, {method}, {length}",
-                _shape_of_covariances(panel),
+                _shape_of_covariances(panel) + omitted,
                 _PROCESSES, (partial(process_figures.plot_autocovariances, processes=panel),),
                 ("S1",) if method == "autoregressive" else ("S1", "S2a", "S2b"),
             )  # fmt: skip
@@ -122,12 +127,13 @@ def _beside_free(
 ) -> Figure:
     """Fig. 6 of one method, length and order."""
     largest = "; ".join(
-        f"{_largest(difference_from_free(p, free)):.2g} at mean"
-        f" {p.attrs['mean']:g} ({p.attrs['sampler']})"
+        f"{_largest(difference_from_free(p, free)):.2g} at {scale_name(p, [*positive, *refused])}"
+        f" ({p.attrs['sampler']})"
         for p in positive
     )
     missing = "".join(
-        f" Not drawn, mean {p.attrs['mean']:g} ({p.attrs['sampler']}): {p.attrs['reason']}."
+        f" Not drawn, {scale_name(p, [*positive, *refused])} ({p.attrs['sampler']}):"
+        f" {p.attrs['reason']}."
         for p in refused
     )
     imposed = imposed_lengths(free.attrs)

@@ -103,6 +103,27 @@ def test_positive_processes_of_every_length_are_drawn():
     plt.close(picture)
 
 
+def test_processes_of_several_stds_are_told_apart(axes):
+    """Their entropies went up and down along one curve, and their names were the same."""
+    family = [
+        process(0.7, order, method="autoregressive", std=std) for std in (0.3, 0.5)
+        for order in (1, 2)
+    ]  # fmt: skip
+    positive = [
+        process(0.7, 1, method="autoregressive", positive=1, mean=1.0, std=std)
+        for std in (0.3, 0.5)
+    ]
+    found = figures_of(*family, *positive)
+    assert "Other means and stds change the scale alone." in found["fig_02a"].caption
+    found["fig_03"].panels[0](axes)
+    assert [list(line.get_xdata()) for line in axes.lines[1:]] == [[1, 2]]
+    assert "at mean 1, std 0.5 (sequential)" in found["fig_06"].caption
+    picture, axes = plt.subplots()
+    process_figures.plot_positive(axes, [family[0], *positive])
+    assert drawn(axes)[1:] == [f"positive, mean 1, std {std}, sequential" for std in (0.3, 0.5)]
+    plt.close(picture)
+
+
 def test_orders_of_a_tradeoff_are_named_by_their_processes(axes):
     data = xr.Dataset({
         name: ("variant", values) for name, values in (
