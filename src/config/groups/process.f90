@@ -32,7 +32,7 @@ contains
 
       call visitor%visit_text(self%values, entry_type('values', &
          'given friction values in place of a process: a text file, one line for each '// &
-         'sample, one value for each joint', in_fingerprint=.false.))
+         'sample, one value for each friction point', in_fingerprint=.false.))
       has_law = .true.
       if (allocated(self%values)) has_law = self%values == ''
       call visitor%visit(self%shared%method, entry_type('method', &
