@@ -19,7 +19,7 @@ module numerics_spectrum
    !> Spectra of records of the same length, which are added in pieces of any length.
    type :: welch_type
       integer :: n_segments = 0                          !! segments so far
-      integer, private :: length = 0, overlap = 0        !! values of a segment, shared by neighbours
+      integer, private :: length = 0, overlap = 0        !! values of a segment, those shared
       integer, private :: n_filled = 0                   !! values in `segment`
       integer, private :: first = 1                      !! place of its first value; it is cyclic
       real(wp), private :: interval = 0.0_wp             !! time between values [s]
