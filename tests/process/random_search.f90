@@ -1,6 +1,6 @@
 !> Local maxima of the entropy among autoregressive processes with K(m) of any signs (Sec. 2.3).
 !>
-!> `process_autoregressive_fit` knows the maximum among processes with K(m) >= 0. Here nothing is
+!> `process_autoregressive_fit` finds the maximum among processes with K(m) >= 0. Here no sign is
 !> assumed: the infinite sums of |K(m)| are the constraints, one length or both, and NLopt searches
 !> in atanh(kappa) from starts of random signs. It meets many inferior maxima.
 module random_search
@@ -16,7 +16,7 @@ module random_search
    private
    public :: ar_rival, find_rival
 
-   !> Where one search ended.
+   !> Result of one search.
    type :: ar_rival
       real(wp), allocatable :: kappa(:)    !! (order)
       real(wp) :: entropy = -huge(1.0_wp)  !! per point, of unit std [nat]

@@ -1,7 +1,7 @@
-!> Positive processes of low order without sampling, to check what was fitted: the transfer operator
-!> on Gauss nodes, which shares neither random numbers nor formulas with the fits.
+!> Positive processes of low order by quadrature, to check fits: the transfer operator on Gauss
+!> nodes, which shares neither random numbers nor formulas with the fits.
 !>
-!> The kernel takes M past values to the next one. Its Perron value is Lambda, and left times right
+!> The kernel maps M past values to the next one. Its Perron value is Lambda, and left times right
 !> Perron function is the law of M consecutive values under Eq. (25) in an infinite domain; divided
 !> by the acceptance probability the kernel is a transition density, that of one-at-a-time
 !> rejection. Everything is in units of b0.
@@ -118,7 +118,7 @@ contains
          operator%log_lambda = log(operator%perron) - 0.5_wp*operator%offset**2
    end subroutine find_stationary_law
 
-   !> Left action: the law of the state one step on.
+   !> Law of the state one step later (left action).
    pure function forward(operator, law) result(next)
       class(transfer_operator), intent(in) :: operator
       real(wp), intent(in) :: law(:, :)   !! (newer, oldest)
@@ -135,7 +135,7 @@ contains
       next = reshape(sums, shape(law))
    end function forward
 
-   !> Right action: the expectation, one step ahead, of a function of the state.
+   !> Expectation of a function of the state one step later (right action).
    pure function backward(operator, function_of_state) result(before)
       class(transfer_operator), intent(in) :: operator
       real(wp), intent(in) :: function_of_state(:, :)   !! (newer, oldest)

@@ -210,7 +210,7 @@ contains
       real(wp), intent(out) :: psi, standard_error
       integer, parameter :: n_nodes = 16
       real(wp), parameter :: wanted = 5.76_wp   ! ln(1e5)/2: tolerance of the burn-in
-      real(wp) :: error, gap, mu, nodes(n_nodes), slope, symbol(0:ubound(g, 1)), t(n_nodes), &
+      real(wp) :: error, gap, mu, nodes(n_nodes), row(0:ubound(g, 1)), slope, t(n_nodes), &
                   variance, weights(n_nodes)
       integer :: i
 
@@ -228,51 +228,43 @@ contains
       weights = weights*2.0_wp*(1.0_wp - nodes)/t
       gap = min(1.0_wp, wanted/n_burn_in)
       do i = 1, n_nodes
-         symbol = g*t(i)
-         symbol(0) = g(0)
-         call sample_slope(symbol, mu, min(field, 0.0_wp), ring_length, &
-                           ceiling(wanted/(1.0_wp - t(i)*(1.0_wp - gap))), n_sweeps, &
-                           stream, slope, error)
+         row = g*t(i)
+         row(0) = g(0)
+         call sample_slope(ceiling(wanted/(1.0_wp - t(i)*(1.0_wp - gap))), slope, error)
          psi = psi + weights(i)*slope
          variance = variance + (weights(i)*error)**2
       end do
       standard_error = norm2([sqrt(variance), between_nodes])
+
+   contains
+
+      !> Estimates - sum G_k E[(z_i - mu)(z_(i+k) - mu)], k > 0, under the law of `row`. If that G is
+      !> indefinite the companion is that of a weaker correlation.
+      subroutine sample_slope(n_sweeps_before, slope, error)
+         integer, intent(in) :: n_sweeps_before
+         real(wp), intent(out) :: slope, error   !! and its standard error
+         integer, parameter :: n_batches = 8*lanes
+         type(batch_averages) :: batches
+         real(wp), allocatable :: a(:)
+         real(wp), dimension(0:ubound(g, 1)) :: companion, weaker
+         real(wp) :: b0
+         logical :: is_positive
+
+         weaker = row
+         do
+            call equivalent_process(weaker, a, b0, is_positive)
+            if (is_positive) exit
+            deallocate (a)
+            weaker(1:) = 0.8_wp*weaker(1:)
+         end do
+         call reciprocal_of_process(a, 1.0_wp, companion, is_positive)
+         batches = new_batches(size(a), size(a), n_batches)
+         call sample_exact(row, mu*(row(0) + 2.0_wp*sum(row(1:))) + min(field, 0.0_wp), a, mu, &
+                           ring_length, n_sweeps_before, n_sweeps, stream, batches)
+         call estimate_products(batches, companion, [0.0_wp, -row(1:)], slope, error)
+      end subroutine sample_slope
+
    end subroutine log_partition
-
-   !> Estimates - sum G_k E[(z_i - mu)(z_(i+k) - mu)], k > 0, under the law of this G. If G is
-   !> indefinite the companion is that of a weaker correlation.
-   subroutine sample_slope(g, mu, field, ring_length, n_burn_in, n_sweeps, stream, slope, &
-                           standard_error)
-      real(wp), intent(in) :: g(0:)
-      real(wp), intent(in) :: mu             !! not negative
-      real(wp), intent(in) :: field          !! not positive, in addition to that of mu
-      integer, intent(in) :: ring_length, n_burn_in, n_sweeps
-      type(stream_type), intent(inout) :: stream
-      real(wp), intent(out) :: slope, standard_error
-      integer, parameter :: n_batches = 8*lanes
-      type(batch_averages) :: batches
-      real(wp), allocatable :: a(:)
-      real(wp), dimension(0:ubound(g, 1)) :: companion, weaker, weights
-      real(wp) :: b0
-      integer :: order
-      logical :: is_positive
-
-      order = ubound(g, 1)
-      weaker = g
-      do
-         call equivalent_process(weaker, a, b0, is_positive)
-         if (is_positive) exit
-         deallocate (a)
-         weaker(1:) = 0.8_wp*weaker(1:)
-      end do
-      call reciprocal_of_process(a, 1.0_wp, companion, is_positive)
-      batches = new_batches(order, order, n_batches)
-      call sample_exact(g, mu*(g(0) + 2.0_wp*sum(g(1:))) + field, a, mu, ring_length, n_burn_in, &
-                        n_sweeps, stream, batches)
-      weights = -g
-      weights(0) = 0.0_wp
-      call estimate_products(batches, companion, weights, slope, standard_error)
-   end subroutine sample_slope
 
    !> Entropy per point of x/b0 [nat], by E[x_i (G (x - mu))_i] = 1: Eq. (43) with its factor 1/2.
    elemental function entropy_of_exact_law(psi, field, mean) result(entropy)

@@ -177,24 +177,29 @@ contains
 
    end subroutine describe_state
 
-   !> Simulates the law, with the same random numbers at every evaluation.
+   !> Simulates the law, with the same random numbers at every evaluation, and counts the values,
+   !> weighted by what the order and the single lags make them cost.
    subroutine simulate(self)
       class(sampled_objective), intent(inout) :: self
       type(stream_type) :: stream
-      integer :: n
+      integer :: n, n_values   ! steps or sweeps of a batch; values of a lane
 
-      stream = self%problem%stream
-      if (self%problem%is_exact) then
-         n = max(self%n_steps/ring_length(self), 2)   ! sweeps
-         call count_values(self, (self%n_burn_in + n_batches/lanes*n)*ring_length(self))
-         call sample_exact(self%last%g, self%last%field, self%problem%companion, self%centre, &
-                           ring_length(self), self%n_burn_in, n, stream, self%last%batches)
-      else
-         n = max(self%n_steps, self%problem%n_lags)
-         call count_values(self, self%n_burn_in + n_batches/lanes*n)
-         call sample_sequential(self%last%a, self%last%field, self%problem%companion, &
-                                self%centre, self%n_burn_in, n, stream, self%last%batches)
-      end if
+      associate (problem => self%problem, last => self%last)
+         stream = problem%stream
+         if (problem%is_exact) then
+            n = max(self%n_steps/ring_length(self), 2)
+            n_values = (self%n_burn_in + n_batches/lanes*n)*ring_length(self)
+            call sample_exact(last%g, last%field, problem%companion, self%centre, &
+                              ring_length(self), self%n_burn_in, n, stream, last%batches)
+         else
+            n = max(self%n_steps, problem%n_lags)
+            n_values = self%n_burn_in + n_batches/lanes*n
+            call sample_sequential(last%a, last%field, problem%companion, self%centre, &
+                                   self%n_burn_in, n, stream, last%batches)
+         end if
+         self%effort = self%effort + real(lanes, wp)*n_values &
+                       *(1.0_wp + 0.05_wp*(ubound(last%g, 1) + last%batches%n_single))
+      end associate
    end subroutine simulate
 
    !> Values per ring (exact law): K(m) is below 1e-8 K(0) half a ring away.
@@ -203,15 +208,6 @@ contains
 
       ring_length = max(3*self%problem%n_lags, 64)
    end function ring_length
-
-   !> Counts simulated values, weighted by what the order and the single lags make them cost.
-   pure subroutine count_values(self, n_steps)
-      class(sampled_objective), intent(inout) :: self
-      integer, intent(in) :: n_steps   !! steps of each lane
-
-      self%effort = self%effort + real(lanes, wp)*n_steps &
-                    *(1.0_wp + 0.05_wp*(ubound(self%last%g, 1) + self%last%batches%n_single))
-   end subroutine count_values
 
    !> True if the search has simulated as many values as it may.
    pure logical function is_exhausted(self)

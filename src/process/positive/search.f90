@@ -112,7 +112,7 @@ contains
          type(process_request) :: one
          type(first_order_law) :: first
          type(error_type), allocatable :: failure
-         real(wp) :: farther
+         real(wp) :: effort, farther
 
          one = request
          one%order = 1
@@ -122,11 +122,14 @@ contains
             call match_branch(one, .false., first, failure)
          end if
          if (allocated(failure)) return
+         effort = search%effort
          search%effort = 0.0_wp
          search%found = search_result()
          call start_from_order_1(search, first)
          call follow_ratio(search, one%std/request%mean, ratio, farther)
          limit = max(limit, farther)
+         ! exhausted if one of the two searches was
+         if (.not. search%found%is_converged) search%effort = max(effort, search%effort)
       end subroutine follow_from_order_1
 
    end subroutine follow_unconstrained
