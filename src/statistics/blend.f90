@@ -17,7 +17,7 @@ contains
    subroutine combine(law, values, fitted, plain, least_share, blended, error)
       type(case_law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:, :)   !! (point, output) of the functions
-      type(estimates_type), intent(in) :: fitted         !! of the regression
+      type(estimates_type), intent(in) :: fitted         !! estimates of the regression
       type(estimates_type), intent(inout) :: plain       !! on return times the tail factor
       real(wp), intent(in) :: least_share(:)             !! (output) least weight of plain sampling
       type(estimates_type), intent(out) :: blended

@@ -48,13 +48,10 @@ contains
    pure function plain_mean(y) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, output)
       type(estimates_type) :: plain
-      integer :: o
 
       plain = zero_estimates(size(y, 1), size(y, 2))
-      do o = 1, size(y, 2)
-         plain%value(o) = sum(y(:, o))/size(y, 1)
-         plain%influence(:, o) = (y(:, o) - plain%value(o))/size(y, 1)
-      end do
+      plain%value(:) = sum(y, 1)/size(y, 1)
+      plain%influence(:, :) = (y - spread(plain%value, 1, size(y, 1)))/size(y, 1)
    end function plain_mean
 
    !> Standard deviation over the samples, with n - 1 in the denominator.

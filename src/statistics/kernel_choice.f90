@@ -155,9 +155,7 @@ contains
       trial%kernel = kernel
       call find_features(x, n, trial, error)
       if (allocated(error)) return
-      do o = 1, size(outputs, 2)
-         y(:, o) = outputs(:, o) - sum(outputs(:, o))/n
-      end do
+      y = outputs - spread(sum(outputs, 1)/n, 1, n)
       allocate (projection(size(trial%eigenvalue), size(y, 2)))
       allocate (fitted, mold=y)
       call multiply(trial%feature, y, projection, transposes_a=.true.)

@@ -33,8 +33,8 @@ module statistics_law
    type :: law_type
       real(wp), allocatable :: x(:, :)      !! (point, input) standardised
       real(wp), allocatable :: weight(:)    !! (point), their sum is 1
-      integer :: n_all = 0                  !! as in draws_type
-      real(wp) :: n_independent = 0.0_wp    !! as in draws_type
+      integer :: n_all = 0                  !! number of all draws
+      real(wp) :: n_independent = 0.0_wp    !! independent draws with the same error of a mean
       !> (pair, polynomial) of B: sums of pairs of neighbours, and their differences D B
       real(wp), allocatable, private :: pair_sum(:, :), difference(:, :)
       real(wp), allocatable, private :: square(:, :)      !! (polynomial, polynomial) B'B

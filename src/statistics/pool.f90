@@ -33,7 +33,7 @@ contains
       integer, intent(in) :: first(:)           !! (case + 1) as in pool_type
       integer, intent(in) :: n_samples(:)       !! (case) as in pool_type
       type(pool_type), intent(out) :: pool
-      integer :: j, n
+      integer :: n
 
       pool%first = first
       pool%n_samples = n_samples
@@ -44,10 +44,8 @@ contains
       allocate (pool%x, source=friction)
       if (pool%uses_roots) pool%x = sqrt(friction)
       pool%centre(:) = sum(pool%x, 1)/n
-      do j = 1, size(pool%x, 2)
-         pool%scatter(j) = sqrt(sum((pool%x(:, j) - pool%centre(j))**2)/n)
-         if (.not. pool%scatter(j) > 0.0_wp) pool%scatter(j) = 1.0_wp
-      end do
+      pool%scatter(:) = sqrt(sum((pool%x - spread(pool%centre, 1, n))**2, 1)/n)
+      where (.not. pool%scatter > 0.0_wp) pool%scatter = 1.0_wp
       call standardise(pool, pool%x)
    end subroutine new_pool
 

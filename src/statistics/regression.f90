@@ -16,7 +16,7 @@ module statistics_regression
    public :: law_deviation, law_mean, law_mean_of_exponential, law_percentile
 
    real(wp), parameter :: half_window = 0.01_wp    !! probability on either side of a percentile
-   real(wp), parameter :: near_share = 0.08_wp     !! of a case's samples, near on either side
+   real(wp), parameter :: near_share = 0.08_wp     !! near samples on a side, over all of a case
    integer, parameter :: fewest_near = 4           !! samples near on either side
    integer, parameter :: most_averaged = 24        !! points near a percentile in a mean of c_i
    real(wp), parameter :: largest_half_variance = 1.0_wp   !! upper limit of v/2

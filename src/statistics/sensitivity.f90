@@ -11,7 +11,7 @@ module statistics_sensitivity
    private
    public :: find_sensitivity
 
-   integer, parameter :: degree = 3   !! of the polynomials of each input
+   integer, parameter :: degree = 3   !! degree of the cubic fit in each input
 
 contains
 
@@ -23,7 +23,7 @@ contains
       type(fit_type), intent(in) :: fit                !! its first output is used
       type(case_law_type), intent(in) :: law
       real(wp), intent(in) :: values(:)                !! (point) G
-      type(estimates_type), intent(in) :: deviation    !! of law_deviation
+      type(estimates_type), intent(in) :: deviation    !! result of law_deviation
       type(statistic_type), intent(out) :: share(:)    !! (input) S_j
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: a(:, :), weighted(:, :), square(:, :), row_covariance(:, :)

@@ -15,7 +15,7 @@ module statistics_surrogate
    integer, parameter, public :: most_landmarks = 160
    !> kappa is computed for 4 outputs of a fit, from the pairs of 64 samples with all
    integer, parameter, public :: outputs_judged = 4, samples_paired = 64
-   real(wp), parameter :: smallest_eigenvalue = 1.0e-10_wp   !! of K, over the largest one
+   real(wp), parameter :: smallest_eigenvalue = 1.0e-10_wp   !! eigenvalue of K over the largest
    integer, parameter, public :: n_ratios = 13
    real(wp), parameter, public :: noise_ratios(n_ratios) = &
                                   10.0_wp**[-5.0_wp, -4.5_wp, -4.0_wp, -3.5_wp, -3.0_wp, -2.5_wp, &
@@ -140,11 +140,8 @@ contains
 
    pure subroutine centre_columns(matrix)
       real(wp), intent(inout) :: matrix(:, :)
-      integer :: k
 
-      do k = 1, size(matrix, 2)
-         matrix(:, k) = matrix(:, k) - sum(matrix(:, k))/size(matrix, 1)
-      end do
+      matrix = matrix - spread(sum(matrix, 1)/size(matrix, 1), 1, size(matrix, 1))
    end subroutine centre_columns
 
    !> Finds the eigenvectors of a centred matrix, largest eigenvalue first, without those whose
@@ -195,19 +192,17 @@ contains
       type(surrogate_type), intent(in) :: surrogate
       real(wp), intent(in), contiguous :: outputs(:, :)   !! (sample, output)
       type(fit_type), intent(out) :: fit
-      real(wp), allocatable :: square(:, :), leverage(:, :), y(:, :), projection(:, :)
+      real(wp), allocatable :: square(:, :), y(:, :), projection(:, :)
       integer :: n, n_out, o, r
 
       n = size(outputs, 1)
       n_out = size(outputs, 2)
       fit%mean = sum(outputs, 1)/n
-      allocate (y(n, n_out), fit%residual(n, n_out), leverage(n, n_out))
+      allocate (fit%residual(n, n_out), fit%one_minus_h(n, n_out))
       allocate (projection(size(surrogate%eigenvalue), n_out))
       allocate (fit%shrink, mold=projection)
       allocate (fit%noise_ratio(n_out))
-      do o = 1, n_out
-         y(:, o) = outputs(:, o) - fit%mean(o)
-      end do
+      allocate (y, source=outputs - spread(fit%mean, 1, n))
       call multiply(surrogate%feature, y, projection, transposes_a=.true.)
       do o = 1, n_out
          r = best_noise_ratio(surrogate%eigenvalue, projection(:, o), sum(y(:, o)**2), n)
@@ -220,9 +215,8 @@ contains
       fit%constant = fit%mean - matmul(surrogate%offset, fit%coefficient)
       square = surrogate%feature**2
       call multiply(surrogate%feature, fit%coefficient, fit%residual)
-      call multiply(square, fit%shrink, leverage)
-      leverage = leverage + 1.0_wp/n
-      fit%one_minus_h = 1.0_wp - leverage
+      call multiply(square, fit%shrink, fit%one_minus_h)   ! h_ii - 1/n
+      fit%one_minus_h = 1.0_wp - (fit%one_minus_h + 1.0_wp/n)
       fit%residual = (y - fit%residual)/fit%one_minus_h
       fit%predicted = outputs - fit%residual
       call find_pairs(surrogate, fit)
