@@ -1,5 +1,5 @@
-!> Components of a solved process, each said once: its name, unit, meaning and axis. Whoever hands a
-!> process on, to another rank, to a file or back, walks this list.
+!> List of the components of a solved process, with name, unit, meaning and axes of each. Visitors
+!> write a process to a file, read it, send it to other ranks or scale it.
 module process_components
    use core_kinds, only: wp
    use process_model, only: innovation_scale, process_model_type
@@ -8,29 +8,29 @@ module process_components
    private
    public :: axis_type, component, component_visitor, forget_components, visit_components
 
-   !> Axis that the values of a row are counted along.
+   !> Axis of an array: its name, its meaning and the number of its first element.
    type :: axis_type
       character(16) :: name = ''
       character(32) :: about = ''
       integer :: first = 1
    end type axis_type
 
-   !> Name, unit and meaning of a component; a text, a whole number and a processor time, which
-   !> belongs to the run and not to the process, have their names alone.
+   !> Name, unit, meaning and axes of a component. Texts, integers and processor times have a name
+   !> alone.
    type :: component
       character(24) :: name = ''
-      character(20) :: units = '1'   !! '1': a pure number
+      character(20) :: units = '1'            !! '1': dimensionless
       character(112) :: about = ''
-      type(axis_type) :: axis = axis_type()
-      type(axis_type) :: rows = axis_type()   !! of a table: its first axis
-      logical :: is_whole = .false.           !! whole numbers
-      logical :: is_optional = .false.        !! a number that is not there where it is 0
+      type(axis_type) :: axis = axis_type()   !! axis of a list, second axis of a table
+      type(axis_type) :: rows = axis_type()   !! first axis of a table
+      logical :: is_whole = .false.           !! integers
+      logical :: is_optional = .false.        !! absent if it is 0
    end type component
 
-   !> Acts on each component: reads it or sets it. An array or a text that is not allocated is not
-   !> there; nor is an optional number that is 0. A standard error stands beside its number. Whole
-   !> numbers come as reals, a list as a table of one row; so do a number with its error, and the
-   !> characters of a text, unless a visitor has a way of its own.
+   !> Reads or sets each component. Unallocated arrays and texts, and optional numbers that are 0,
+   !> are absent. A visitor must have `visit_table`, for real tables. All other components reach it
+   !> as tables of one row: lists, a number with its standard error, integers as reals, a text as
+   !> character codes; a visitor may override `visit_real` and `visit_text`.
    type, abstract :: component_visitor
    contains
       generic :: visit => visit_real, visit_integer, visit_text, visit_reals, visit_integers, &
@@ -143,7 +143,7 @@ contains
       if (allocated(numbers)) values = nint(numbers)
    end subroutine visit_integer_table
 
-   !> The same component, of whole numbers.
+   !> Copy of a component, marked as integers.
    pure type(component) function whole(what)
       type(component), intent(in) :: what
 
@@ -151,7 +151,7 @@ contains
       whole%is_whole = .true.
    end function whole
 
-   !> Leaves the request alone, as it is before components are read.
+   !> Resets all components but the request.
    subroutine forget_components(model)
       type(process_model_type), intent(inout) :: model
       type(process_model_type) :: blank
@@ -160,7 +160,8 @@ contains
       model = blank
    end subroutine forget_components
 
-   !> Visits every component but the request, which is known and decides with them what is there.
+   !> Visits every component but the request. Which components there are follows from the request
+   !> and the components before.
    subroutine visit_components(visitor, model)
       class(component_visitor), intent(inout) :: visitor
       type(process_model_type), intent(inout) :: model
@@ -185,7 +186,7 @@ contains
       call visit_direct(visitor, model)
    end subroutine visit_components
 
-   !> Visits the recursion of Eq. (39) or, where the law has none, the matrix G of Eq. (25).
+   !> Visits the coefficients of Eq. (39) or, if there are none, the matrix G of Eq. (25).
    subroutine visit_law(visitor, model)
       class(component_visitor), intent(inout) :: visitor
       type(process_model_type), intent(inout) :: model
@@ -216,7 +217,7 @@ contains
       call visitor%visit(component('poles_imag', '1', 'imaginary part of the poles', by_order), im)
       if (allocated(model%poles)) deallocate (model%poles)
       if (.not. (allocated(re) .and. allocated(im))) return
-      if (size(re) == size(im)) model%poles = cmplx(re, im, wp)   ! else damaged
+      if (size(re) == size(im)) model%poles = cmplx(re, im, wp)   ! unless the file is damaged
    end subroutine visit_law
 
    subroutine visit_correlation(visitor, model)
@@ -238,7 +239,7 @@ contains
                                    'correlation length, Eq. (9), cut at the order'), model%l1_cut)
    end subroutine visit_correlation
 
-   !> Visits mean and std as achieved, with the standard errors of sampled ones.
+   !> Visits the mean and std achieved, with standard errors.
    subroutine visit_moments(visitor, model)
       class(component_visitor), intent(inout) :: visitor
       type(process_model_type), intent(inout) :: model
@@ -249,8 +250,8 @@ contains
                          model%std, model%std_error)
    end subroutine visit_moments
 
-   !> Visits what realizations need, the signs of the autocovariance and, where known, what the same
-   !> parameters give under the other law.
+   !> Visits the memory, the signs of the autocovariance and, if known, the statistics of the other
+   !> law with the same coefficients.
    subroutine visit_positive(visitor, model)
       class(component_visitor), intent(inout) :: visitor
       type(process_model_type), intent(inout) :: model
@@ -261,7 +262,7 @@ contains
       call visitor%visit(component('branch'), model%branch)
       if (allocated(model%branch)) then
          first_sign = 0
-         if (allocated(model%autocovariance)) then   ! else damaged
+         if (allocated(model%autocovariance)) then   ! unless the file is damaged
             if (size(model%autocovariance) > 1) &
                first_sign = nint(sign(1.0_wp, model%autocovariance(1)))
          end if
@@ -302,7 +303,7 @@ contains
            'geometric mean over the past of the probability to accept'), model%acceptance_geometric)
    end subroutine visit_entropies
 
-   !> True if the process is positive and its K(m) change their sign with every lag.
+   !> True if the process is positive and K(m) changes its sign with every lag.
    pure logical function alternates(model)
       type(process_model_type), intent(in) :: model
 
@@ -310,8 +311,8 @@ contains
       if (allocated(model%branch)) alternates = model%branch == 'alternating'
    end function alternates
 
-   !> Visits the multipliers of the direct method, all solutions that its sign search found, and the
-   !> error and cost of the paper's finite matrix.
+   !> Visits the multipliers of the direct method, the solutions of its sign search and the check by
+   !> inversion.
    subroutine visit_direct(visitor, model)
       class(component_visitor), intent(inout) :: visitor
       type(process_model_type), intent(inout) :: model

@@ -1,6 +1,5 @@
-!> Correlation lengths of a discrete stationary process (Sec. 2.1), cut at the last lag supplied.
-!>
-!> The infinite sums of an autoregressive process are in `process_autoregressive_model`.
+!> Correlation lengths of a discrete stationary process (Sec. 2.1), summed to the last lag given.
+!> The infinite sums of an autoregressive process are in `process_autoregressive_sums`.
 module process_correlation
    use core_kinds, only: wp
    implicit none(type, external)
@@ -28,7 +27,8 @@ contains
       end select
    end function correlation_length
 
-   !> a_m of Eqs. (13), (14), m = 0..m_max: sum a_m |K_XX(m)| = 0 imposes the length, Eq. (11).
+   !> Weights a_m, m = 0..m_max, of Eqs. (13) and (14): sum a_m |K_XX(m)| = 0 imposes the length,
+   !> Eq. (11).
    pure function constraint_weights(definition, length, m_max) result(weights)
       character(*), intent(in) :: definition   !! 'L0' or 'L1'
       real(wp), intent(in) :: length           !! [lags]

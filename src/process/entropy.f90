@@ -9,10 +9,10 @@ module process_entropy
 
 contains
 
-   !> Entropy rate of a Gaussian process, 0.5 ln(2 pi e b0^2): Eq. (37) per point as P grows. For
-   !> b0 = sigma_X that of white noise, Eq. (42): no process of this std has more.
+   !> Entropy rate of a Gaussian process, 0.5 ln(2 pi e b0^2): limit of Eq. (37) per point. With
+   !> b0 = sigma_X it is that of white noise, Eq. (42), the largest one for this std.
    elemental function gaussian_entropy(b0) result(entropy)
-      real(wp), intent(in) :: b0   !! std of the part that the past does not foretell [unit of X]
+      real(wp), intent(in) :: b0   !! std of the innovations [unit of X]
       real(wp) :: entropy
 
       entropy = 0.5_wp*log_two_pi_e + log(b0)

@@ -1,4 +1,4 @@
-!> Any requested process: the one call that solves it or says why not.
+!> Fit of any requested process, and a forecast whether it can be fitted.
 module process_fit
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long
@@ -18,10 +18,11 @@ module process_fit
 
 contains
 
-   !> Solves the request, in its own unit; `model%is_solved` tells whether, `model%reason` why not.
+   !> Fits the requested process. If there is none, `model%is_solved` is false and `model%reason`
+   !> says why.
    subroutine fit_process(request, seed, model)
       type(process_request), intent(in) :: request
-      integer(long), intent(in) :: seed   !! of simulated values that are matched
+      integer(long), intent(in) :: seed   !! seed of simulations in the fit of a positive one
       type(process_model_type), intent(out) :: model
       type(process_request) :: resolved
       type(error_type), allocatable :: error
@@ -46,22 +47,21 @@ contains
          model%reason = error%message
       end if
       call carry_over(request, model)
-      call accept_simulation(model)
+      call check_simulation(model)
    end subroutine fit_process
 
-   !> Solves a request of the direct method from a search for signs that was shared out, once all
-   !> its parts are joined.
+   !> Fits a process of the direct method by the result of a complete search for its signs.
    subroutine fit_from_search(request, search, model)
       type(process_request), intent(in) :: request
       type(search_result), intent(in) :: search
       type(process_model_type), intent(out) :: model
 
       call conclude_direct(request, search, model)
-      call accept_simulation(model)
+      call check_simulation(model)
    end subroutine fit_from_search
 
-   !> Refuses a process whose memory is too long to be drawn in the way that was asked for.
-   subroutine accept_simulation(model)
+   !> Refuses a process whose memory is too long for the matrix of Eq. (38), if that is asked for.
+   subroutine check_simulation(model)
       type(process_model_type), intent(inout) :: model
 
       if (.not. model%is_solved .or. model%request%positive .or. &
@@ -71,11 +71,11 @@ contains
       model%reason = "simulation = 'matrix': values are felt over "// &
                      to_text(burn_in_length(model))//' points, margins of the matrix have at '// &
                      'most '//to_text(widest_margin(model))//": take 'stationary'"
-   end subroutine accept_simulation
+   end subroutine check_simulation
 
-   !> Foresees a fit, as a rule in a fraction of a second: not solved, by the rules of the fit
-   !> itself, where it would not even begin. Of the model it fills otherwise only what draws a
-   !> realization of the exact law, Eq. (25), roughly.
+   !> Forecasts a fit, in a fraction of a second as a rule: refuses a request that the fit would
+   !> refuse at once. Fills the components of the model that `way_of_drawing` needs for the exact
+   !> law, roughly.
    subroutine foresee_process(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -93,7 +93,7 @@ contains
             call foresee_positive(resolved, seed, model, error)
          else if (request%method == 'autoregressive' .or. &
                   resolved%order < certainly_feasible_m_max(resolved)) then
-            resolved%all_signs = .false.   ! a few signs tell as much
+            resolved%all_signs = .false.   ! a short search decides it
             call fit_unconstrained(resolved, model, error)
          end if
       end if
@@ -102,8 +102,8 @@ contains
       model%is_solved = .not. allocated(model%reason)
    end subroutine foresee_process
 
-   !> Resolves the order of a request: its own, or chosen where that is 0. Fails where no order has
-   !> the process and for a method that is not known.
+   !> Resolves the order of a request: the given one, or a chosen one for 0. Fails if no order has
+   !> the process, or if the request is invalid.
    subroutine resolve_order(request, resolved, error)
       type(process_request), intent(in) :: request
       type(process_request), intent(out) :: resolved

@@ -1,4 +1,4 @@
-!> A maximum-entropy process: the request and the solution (Sec. 2).
+!> Request and solution of a maximum-entropy process (Sec. 2).
 module process_model
    use core_kinds, only: long, wp
    use core_random, only: label_of
@@ -8,95 +8,95 @@ module process_model
    public :: process_request, process_model_type, inversion_check, branch_note, &
              innovation_scale, lengths_of, positive_name, request_label
 
-   !> A wanted process. Lengths are in lags; mean and std in the unit of X.
+   !> Process that is asked for. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
       character(16) :: method = 'autoregressive'   !! or 'direct', 'values'
-      character(16) :: correlation = 'L0'          !! imposed: Eq. (8); or 'L1' Eq. (9), 'both'
-      real(wp) :: correlation_length = 0.0_wp
-      real(wp) :: second_length = 0.0_wp         !! both: L1, the other one being L0
-      integer :: order = 0                       !! M, or m_max of 'direct'; 0: choose it
-      !> order = 0: of the length that is not imposed; 0: none. Two are a range
+      character(16) :: correlation = 'L0'        !! imposed: 'L0' Eq. (8), 'L1' Eq. (9), 'both'
+      real(wp) :: correlation_length = 0.0_wp    !! imposed length; L0 of 'both'
+      real(wp) :: second_length = 0.0_wp         !! L1 of 'both'
+      integer :: order = 0                       !! M, or m_max of 'direct'; 0: chosen
+      !> with order = 0: bound of the length that is not imposed, or both ends of its range; 0: none
       real(wp) :: bounds(2) = 0.0_wp
-      character(16) :: bound_side = 'automatic'  !! of a single bound: 'upper', 'lower' or chosen
-      integer :: max_order = 30                  !! order = 0: search no further
-      logical :: all_signs = .false.             !! direct: every sequence of signs is solved
-      integer :: inversion_half_width = 0        !! direct: M of Eq. (35), a check; 0: none
+      character(16) :: bound_side = 'automatic'  !! side of a single bound: or 'upper', 'lower'
+      integer :: max_order = 30                  !! highest order tried, with order = 0
+      logical :: all_signs = .false.             !! direct: search all sequences of signs
+      integer :: inversion_half_width = 0        !! direct: M of Eq. (35) for a check; 0: no check
       real(wp) :: mean = 0.0_wp
       real(wp) :: std = 0.0_wp
       logical :: positive = .false.
       character(16) :: sampler = 'sequential'    !! Sec. 2.4; or 'exact', Eq. (25)
-      character(16) :: branch = 'any'            !! positive: 'nonnegative' keeps to K(m) >= 0
-      integer :: fit_steps = 0                   !! positive: of a batch that is matched; 0: chosen
-      !> without sign: Eq. (39) from the 'stationary' law or 'from_rest', or Eq. (38), 'matrix'
+      character(16) :: branch = 'any'            !! positive: or 'nonnegative', K(m) >= 0 alone
+      integer :: fit_steps = 0                   !! positive: steps of a batch in the fit; 0: chosen
+      !> of any sign: Eq. (39) from the 'stationary' law or 'from_rest', or Eq. (38), 'matrix'
       character(16) :: simulation = 'stationary'
    end type process_request
 
-   !> The paper's own way to the autocovariance, the inverse of a finite matrix, as a check.
+   !> Check of the autocovariance by the paper's method, the inverse of a finite matrix.
    type :: inversion_check
-      integer :: half_width = 0                    !! M of Eq. (35); 0: not made
+      integer :: half_width = 0                    !! M of Eq. (35); 0: no check
       real(wp), allocatable :: autocovariance(:)   !! Eq. (35), lags 0..order [unit of X squared]
-      real(wp) :: error = 0.0_wp                   !! largest, over K(0), against the model
+      real(wp) :: error = 0.0_wp                   !! largest difference from the model, over K(0)
       real(wp) :: expected_error = 0.0_wp          !! |largest pole|^(2 half_width)
       real(wp) :: seconds = 0.0_wp                 !! CPU time of the inversion
-      real(wp) :: seconds_of_fit = 0.0_wp          !! and of the direct method itself
+      real(wp) :: seconds_of_fit = 0.0_wp          !! CPU time of the direct method
    end type inversion_check
 
-   !> A solved (or refused) process. Entropies are per point, in nats.
+   !> Process that was solved or refused. Entropies are per point, in nats.
    type :: process_model_type
       type(process_request) :: request
       logical :: is_solved = .false.
-      character(:), allocatable :: reason        !! why not, with the nearest feasible request
+      character(:), allocatable :: reason        !! why it was refused, and what is feasible
       integer :: order = 0                       !! M of the recursion below
       real(wp), allocatable :: a(:)              !! a_q, Eq. (39): z_n = b0 w_n - sum a_q z_(n-q)
       real(wp) :: b0 = 0.0_wp
-      real(wp) :: mu = 0.0_wp                    !! of the Gaussian below; without sign: the mean
+      real(wp) :: mu = 0.0_wp                    !! mean of the underlying Gaussian process
       complex(wp), allocatable :: poles(:)       !! (order), Eq. (40)
       real(wp), allocatable :: autocovariance(:) !! K_XX(lag), lag = 0.. [unit of X squared]
       real(wp), allocatable :: autocovariance_error(:)   !! standard error where sampled, else 0
       real(wp) :: l0 = 0.0_wp, l1 = 0.0_wp           !! infinite sums
       real(wp) :: l0_cut = 0.0_wp, l1_cut = 0.0_wp   !! sums cut at the order, Eq. (11)
-      real(wp) :: mean = 0.0_wp, std = 0.0_wp        !! achieved
+      real(wp) :: mean = 0.0_wp, std = 0.0_wp        !! achieved [unit of X]
       real(wp) :: mean_error = 0.0_wp, std_error = 0.0_wp, l0_error = 0.0_wp, l1_error = 0.0_wp
       real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp
-      real(wp) :: entropy_bound = 0.0_wp         !! white noise, Eq. (42)
+      real(wp) :: entropy_bound = 0.0_wp         !! entropy of white noise, Eq. (42)
       real(wp) :: optimality = 0.0_wp            !! largest residual of the optimality conditions
-      real(wp) :: lambda = 1.0_wp                !! exact law: limit of p_acc^(s) of Eq. (45)
-      real(wp) :: lambda_error = 0.0_wp          !! with these a_q, b0 and mu
+      real(wp) :: lambda = 1.0_wp                !! limit of p_acc^(s), Eq. (45), of the exact law
+      real(wp) :: lambda_error = 0.0_wp          !! standard error
       real(wp) :: acceptance_ratio = 1.0_wp      !! accepted/proposed = 1/E[1/alpha]
       real(wp) :: acceptance_mean = 1.0_wp       !! E[alpha]
       real(wp) :: acceptance_geometric = 1.0_wp  !! exp E[ln alpha]
-      real(wp) :: seconds = 0.0_wp               !! of a processor, to fit it
-      !> positive: the signs of K(m), 'nonnegative', 'alternating' or 'mixed', or 'open' where a
-      !> fit is only foreseen; else unallocated
+      real(wp) :: seconds = 0.0_wp               !! processor time of the fit
+      !> positive: signs of K(m), 'nonnegative', 'alternating' or 'mixed', or 'open' of a forecast
+      !> that did not find them; else unallocated
       character(:), allocatable :: branch
-      !> exact law where K(m) alternates: row of G [1/unit of X squared]; it may
-      !> be indefinite, so that a, poles and Lambda are none, b0 = 1/sqrt(G_0) and mu is what the
-      !> law is centred on
+      !> exact law with alternating K(m): row of the matrix G [1/unit of X squared]. As G may be
+      !> indefinite, there are no a, poles and Lambda; b0 = 1/sqrt(G_0), and mu is the centre of the
+      !> law
       real(wp), allocatable :: g(:)
-      !> with it at order 1: p(y|x) ~ exp(-G_0 y^2/2 + (field - G_1 x) y) sum w_j exp(-G_1 x_j y),
-      !> field = mu (G_0 + 2 G_1), nodes x_j [unit of X] and weights w_j
+      !> the same at order 1: nodes x_j [unit of X] and weights w_j of the transition density
+      !> p(y|x) ~ exp(-G_0 y^2/2 + (field - G_1 x) y) sum w_j exp(-G_1 x_j y),
+      !> field = mu (G_0 + 2 G_1)
       real(wp), allocatable :: nodes(:), weights(:)
-      !> alternating: entropy of the other law's process with K(m) >= 0 where that is larger, else 0
+      !> alternating: entropy of the process with K(m) >= 0 under the other law, if larger; else 0
       real(wp) :: nonnegative_entropy = 0.0_wp
-      integer :: memory = 0                      !! positive: steps that are felt, to 1e-9
-      !> positive: what the same a_q, b0 and mu give under the law that was not asked for
+      integer :: memory = 0                      !! positive: steps that forget a start, to 1e-9
+      !> positive: statistics of the other law with the same a_q, b0 and mu
       real(wp) :: other_mean = 0.0_wp, other_std = 0.0_wp, other_l0 = 0.0_wp, other_entropy = 0.0_wp
       integer, allocatable :: signs(:)           !! direct: s_m
-      real(wp) :: delta = 0.0_wp, lambda_3 = 0.0_wp   !! direct
+      real(wp) :: delta = 0.0_wp, lambda_3 = 0.0_wp   !! direct: multipliers of Sec. 2.2
       !> direct: the best consistent solutions of the sign search, at most 100
       integer, allocatable :: solutions_signs(:, :)   !! (m, solution)
       real(wp), allocatable :: solutions_delta(:), solutions_lambda_3(:), solutions_entropy(:)
-      integer :: n_examined = 0                  !! direct: sign sequences examined
-      integer :: n_consistent = 0                !! direct: of them, solutions; 0: not counted
-      real(wp) :: entropy_ceiling = 0.0_wp       !! direct: no sign sequence has more, proved
-      character(:), allocatable :: search        !! direct: how the signs were found
+      integer :: n_examined = 0                  !! direct: sequences of signs examined
+      integer :: n_consistent = 0                !! direct: solutions among them; 0: not counted
+      real(wp) :: entropy_ceiling = 0.0_wp       !! direct: proven upper bound for all sequences
+      character(:), allocatable :: search        !! direct: which sequences were searched
       type(inversion_check) :: inversion         !! direct
    end type process_model_type
 
 contains
 
-   !> One line on a process whose K(m) alternates, or whose branch is left to the fit; empty for
-   !> others.
+   !> Note on a process whose K(m) alternates or whose branch is not known yet; empty for others.
    pure function branch_note(model) result(note)
       type(process_model_type), intent(in) :: model
       character(:), allocatable :: note
@@ -115,7 +115,7 @@ contains
                 ' nat more entropy'
    end function branch_note
 
-   !> Name of a positive process, for messages.
+   !> Description of a positive request, for messages.
    pure function positive_name(request) result(name)
       type(process_request), intent(in) :: request
       character(:), allocatable :: name
@@ -135,7 +135,7 @@ contains
       if (request%correlation == 'both') text = text//', L1 = '//to_text(request%second_length)
    end function lengths_of
 
-   !> Scale b0 of a law that is given by the row of G, Eq. (25); 0 where it has none.
+   !> Scale b0 = 1/sqrt(G_0) of the law with this row of G, Eq. (25); 0 unless G_0 is positive.
    pure real(wp) function innovation_scale(g) result(b0)
       real(wp), intent(in) :: g(0:)   !! [1/unit of X squared]
 
@@ -144,7 +144,7 @@ contains
       if (g(0) > 0.0_wp) b0 = 1.0_wp/sqrt(g(0))
    end function innovation_scale
 
-   !> Label of the streams of random numbers that belong to a process, whatever stands beside it in
+   !> Label of the random streams of a process. It depends on the process alone, not on the rest of
    !> the scene.
    pure function request_label(request) result(label)
       type(process_request), intent(in) :: request

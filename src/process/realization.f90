@@ -1,15 +1,15 @@
 !> Realizations of a solved process: consecutive values of one stationary run (Secs. 2.2 to 2.4).
 !>
-!> Each call walks along the stream that it is handed and nothing else, so a sample's values do not
-!> depend on who else is drawn.
+!> A call uses random numbers of the given stream alone: a sample does not depend on other samples.
 !>
-!> Without sign constraint they come by Eq. (38), or the recursion of Eq. (39) from either start.
-!> The rows of L^-1, L the Cholesky factor of the covariance matrix, are the prediction filters of
-!> increasing order; beyond the order of the process they stay. So Eq. (38) for the infinite-domain
-!> covariance is the recursion started from the stationary law, and needs no matrix. From the banded
-!> matrix G itself it also needs none that is dense: with G = R R', the solution of R' X = W has
-!> covariance G^-1; near the ends of the window that is not the infinite-domain covariance, so a
-!> margin is drawn too and dropped.
+!> Values of any sign are drawn in three ways:
+!> - from the stationary law by the recursion of Eq. (39). It is the same as Eq. (38) with the
+!>   covariance of the infinite domain, because the rows of L^-1, L its Cholesky factor, are the
+!>   prediction filters of increasing order, which stay the same beyond the order of the process;
+!> - from rest by the same recursion, after a burn-in;
+!> - by Eq. (38) with the banded matrix G = R R': the solution of R' X = W has the covariance G^-1.
+!>   Near the ends of the window this is not that of the infinite domain, so margins are dropped.
+!> Positive values are drawn one by one by rejection (Sec. 2.4), or from the exact law, Eq. (25).
 module process_realization
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -27,20 +27,20 @@ module process_realization
    public :: burn_in_length, chains_of, draw_chains, draw_gaussian, draw_points, way_of_drawing, &
              way_type, widest_margin
 
-   real(wp), parameter :: forgotten = 1.0e-10_wp   !! weight of the start when the sweeps end
-   real(wp), parameter :: rest_forgotten = 1.0e-9_wp   !! the same, of a run from rest
-   integer, parameter :: longest_burn_in = 100000000
+   real(wp), parameter :: start_weight = 1.0e-10_wp   !! weight of the start after the sweeps
+   real(wp), parameter :: rest_weight = 1.0e-9_wp   !! weight of the start after a burn-in
+   integer, parameter :: longest_burn_in = 100000000       !! [points]
 
-   !> How a realization of the exact law is drawn.
+   !> Method by which a realization of the exact law is drawn, and its cost.
    type :: way_type
-      logical :: by_windows = .false.   !! whole ones, until one is positive; else by sweeps
-      real(wp) :: n_windows = 1.0_wp    !! expected
-      integer :: n_sweeps = 0           !! over one window, a value at a time
+      logical :: by_windows = .false.   !! Gaussian windows until one is positive; else Gibbs sweeps
+      real(wp) :: n_windows = 1.0_wp    !! expected number of windows
+      integer :: n_sweeps = 0           !! sweeps over one window, a value at a time
    end type way_type
 
 contains
 
-   !> Draws the next realization of the process, of as many points as there are values.
+   !> Draws a realization of the process.
    subroutine draw_points(model, stream, values)
       type(process_model_type), intent(in) :: model   !! solved
       type(stream_type), intent(inout) :: stream
@@ -72,9 +72,8 @@ contains
       end if
    end subroutine draw_points
 
-   !> Draws realizations that are independent of each other, for a large number of values: a value
-   !> of many chains costs a fifth of one of a single chain. The first values do not depend on how
-   !> many are drawn.
+   !> Draws several independent realizations: a value then costs a fifth of one in a single
+   !> realization. The first values do not depend on the number of points.
    subroutine draw_chains(model, stream, values)
       type(process_model_type), intent(in) :: model   !! solved
       type(stream_type), intent(inout) :: stream
@@ -89,14 +88,14 @@ contains
       end if
    end subroutine draw_chains
 
-   !> Chains that draw_chains has; one where the sampler knows no more.
+   !> Number of realizations that draw_chains draws; 1 unless the sampler is sequential.
    pure integer function chains_of(model)
       type(process_model_type), intent(in) :: model
 
       chains_of = merge(lanes, 1, is_sequential(model))
    end function chains_of
 
-   !> True if values are drawn one after the other by the rejection of Sec. 2.4.
+   !> True if values are drawn one by one by the rejection of Sec. 2.4.
    pure logical function is_sequential(model)
       type(process_model_type), intent(in) :: model
 
@@ -105,18 +104,17 @@ contains
                                    .or. allocated(model%g))
    end function is_sequential
 
-   !> Sweeps that forget the start where G is given alone: those of the Gaussian law, or the square
-   !> of the memory, which is 62/(1 - |K(m + 1)/K(m)|) at least.
+   !> Number of sweeps that forget the start if the model has G alone: that of the Gaussian law, or
+   !> 24 (memory/62)^2 if that is more. The memory is at least 62/(1 - |K(m + 1)/K(m)|).
    pure integer function sweeps_of(model)
       type(process_model_type), intent(in) :: model
 
-      sweeps_of = max(sweeps_to_forget(model%g(0)*model%std**2, model%l0, forgotten), &
+      sweeps_of = max(sweeps_to_forget(model%g(0)*model%std**2, model%l0, start_weight), &
                       ceiling(24.0_wp*(model%memory/62.0_wp)**2))
    end function sweeps_of
 
-   !> Draws from the law of Eq. (25) of order 1 where K(m) alternates: a Markov chain. Its
-   !> transition density is a mixture of truncated normal laws, one for each value that may follow
-   !> next but one.
+   !> Draws from the exact law, Eq. (25), of order 1 with alternating K(m): a Markov chain whose
+   !> transition density is a mixture of truncated normal laws, one for each node.
    subroutine draw_alternating(model, stream, values)
       type(process_model_type), intent(in) :: model   !! with G, order 1
       type(stream_type), intent(inout) :: stream
@@ -143,10 +141,9 @@ contains
       end do
    end subroutine draw_alternating
 
-   !> Draws from the law of Eq. (25): a whole Gaussian window with margins beyond the memory,
-   !> redrawn until all of it is positive, its middle kept; or, where as many sweeps cost less than
-   !> as many trials, one value at a time (Gibbs), until the start has lost all but `forgotten` of
-   !> its weight.
+   !> Draws from the exact law, Eq. (25), by the cheaper of two methods: Gaussian windows, with
+   !> margins as long as the memory, until one is positive; or sweeps over one window, a value at a
+   !> time (Gibbs), until its start has a weight of `start_weight`.
    subroutine draw_exact(model, stream, values)
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream
@@ -169,22 +166,22 @@ contains
       end if
    end subroutine draw_exact
 
-   !> The cheaper of the two ways; of a model, coefficients, std, L0, memory and Lambda count.
+   !> Cheaper method for the exact law. Needs coefficients, std, L0, memory and Lambda of the model.
    pure function way_of_drawing(model, n_points) result(way)
       type(process_model_type), intent(in) :: model   !! of the exact law
       integer, intent(in) :: n_points
       type(way_type) :: way
-      real(wp), parameter :: cost_of_trial = 1.5_wp   ! of a sweep over the same window
+      real(wp), parameter :: trial_cost = 1.5_wp   ! over that of a sweep
       real(wp) :: ln_windows
 
       way%n_sweeps = sweeps_to_forget((1.0_wp + sum(model%a**2))*(model%std/model%b0)**2, &
-                                      model%l0, forgotten)
+                                      model%l0, start_weight)
       ln_windows = -log(model%lambda)*(n_points + 2*model%memory)
-      way%by_windows = ln_windows < log(way%n_sweeps/cost_of_trial)
+      way%by_windows = ln_windows < log(way%n_sweeps/trial_cost)
       if (way%by_windows) way%n_windows = exp(ln_windows)
    end function way_of_drawing
 
-   !> Draws consecutive values of a run that starts from the stationary Gaussian law: no burn-in.
+   !> Draws a Gaussian realization from the stationary law.
    subroutine draw_gaussian(model, stream, values)
       type(process_model_type), intent(in) :: model     !! solved, without sign constraint
       type(stream_type), intent(inout) :: stream
@@ -202,28 +199,27 @@ contains
          call step_up(filter, m, kappa(m))
          values(m + 1) = scale*values(m + 1) - dot_product(filter(:m), values(m:1:-1))
       end do
-      call recur(model, values, model%order + 1)
+      call apply_recursion(model, values, model%order + 1)
       values = model%mu + values
    end subroutine draw_gaussian
 
-   !> Draws consecutive values of a run that starts from z = 0, after as many as it takes to forget
-   !> that (Sec. 2.3).
+   !> Draws a Gaussian realization that starts from z = 0, after a burn-in (Sec. 2.3).
    subroutine draw_from_rest(model, stream, values)
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
       real(wp), allocatable :: run(:)
-      integer :: n_dropped
+      integer :: burn_in
 
-      n_dropped = burn_in_length(model)
-      allocate (run(n_dropped + size(values)))
+      burn_in = burn_in_length(model)
+      allocate (run(burn_in + size(values)))
       call stream%normals(run)
-      call recur(model, run, 0)
-      values = model%mu + run(n_dropped + 1:)
+      call apply_recursion(model, run, 0)
+      values = model%mu + run(burn_in + 1:)
    end subroutine draw_from_rest
 
-   !> Draws by Eq. (38) with the matrix G of the direct method, on a window with margins as long as
-   !> the memory. Not stationary to rounding where that is more than `widest_margin`.
+   !> Draws a Gaussian realization by Eq. (38) with the matrix G of the direct method, on a window
+   !> with margins of the burn-in length, or of `widest_margin` if that is less.
    subroutine draw_by_matrix(model, stream, values)
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream
@@ -240,16 +236,16 @@ contains
       values = model%mu + window(margin + 1:margin + size(values))
    end subroutine draw_by_matrix
 
-   !> Points beside the wanted ones that a banded matrix has room for.
+   !> Largest number of points in a margin, for the memory of the banded matrix.
    pure function widest_margin(model) result(n)
       type(process_model_type), intent(in) :: model
       integer :: n
-      integer, parameter :: most_entries = 2**23   ! of the band, on either side: 64 MB
+      integer, parameter :: max_entries = 2**23   ! of the band of a margin: 64 MB
 
-      n = most_entries/(1 + model%order)
+      n = max_entries/(1 + model%order)
    end function widest_margin
 
-   !> Values after which a start is forgotten, by the largest pole.
+   !> Number of points after which a start is forgotten, by the largest pole.
    pure function burn_in_length(model) result(n)
       type(process_model_type), intent(in) :: model
       integer :: n
@@ -259,11 +255,11 @@ contains
       if (model%order == 0) return
       largest = maxval(abs(model%poles))
       if (largest > 0.0_wp) n = n + ceiling(min(real(longest_burn_in, wp), &
-                                                log(rest_forgotten)/log(largest)))
+                                                log(rest_weight)/log(largest)))
    end function burn_in_length
 
-   !> Turns white noise into the process by Eq. (39), from point `first` + 1 on.
-   pure subroutine recur(model, values, first)
+   !> Turns white noise into the process by Eq. (39), from point first + 1 on.
+   pure subroutine apply_recursion(model, values, first)
       type(process_model_type), intent(in) :: model
       real(wp), intent(inout) :: values(:)
       integer, intent(in) :: first
@@ -273,6 +269,6 @@ contains
          q = min(model%order, i - 1)
          values(i) = model%b0*values(i) - dot_product(model%a(:q), values(i - 1:i - q:-1))
       end do
-   end subroutine recur
+   end subroutine apply_recursion
 
 end module process_realization

@@ -1,11 +1,12 @@
-!> Laws to compare a maximum-entropy process with: independent values, one value for all points, and
-!> values that are given.
+!> Reference laws, which maximum-entropy processes are compared with: independent values, one value
+!> for all points, and given values.
 !>
-!> A correlation length of 0 asks for independent values, one of 1e12 or more for one value. Both
-!> have the law of one value of largest entropy: the normal law, or that law kept where positive.
+!> A correlation length of 0 asks for independent values, one of 1e12 or more for one value at all
+!> points. The law of a value is that of largest entropy: normal, or normal truncated at 0 if it is
+!> positive.
 module process_reference
    use core_error, only: error_type
-   use core_kinds, only: two_pi, wp
+   use core_kinds, only: wp
    use core_random, only: stream_type
    use process_entropy, only: gaussian_entropy
    use process_model, only: process_model_type, process_request
@@ -15,12 +16,12 @@ module process_reference
    private
    public :: draw_reference, fit_reference, has_one_value, is_reference, law_name
 
-   real(wp), parameter :: longest = 1.0e12_wp   !! from there on all points have one value [points]
-   integer, parameter :: n_lags = 30            !! of the autocovariance that is kept
+   real(wp), parameter :: longest = 1.0e12_wp   !! from this L0 on all points have one value
+   integer, parameter :: n_lags = 30            !! lags of the autocovariance that are stored
 
 contains
 
-   !> True if the request is no maximum-entropy process.
+   !> True if a reference law is asked for.
    pure logical function is_reference(request)
       type(process_request), intent(in) :: request
 
@@ -35,7 +36,7 @@ contains
       has_one_value = request%correlation_length >= longest .and. request%method /= 'values'
    end function has_one_value
 
-   !> Kind of law that a request asks for.
+   !> Name of the kind of law that is asked for.
    pure function law_name(request) result(name)
       type(process_request), intent(in) :: request
       character(:), allocatable :: name
@@ -51,7 +52,7 @@ contains
       end if
    end function law_name
 
-   !> Solves a reference law, in its own unit. Given values are described by their mean and std.
+   !> Fits a reference law. Given values are described by their mean and std alone.
    subroutine fit_reference(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
@@ -91,12 +92,12 @@ contains
          model%l1 = request%correlation_length
          model%l0_cut = request%correlation_length
          model%l1_cut = request%correlation_length
-         model%entropy = -huge(1.0_wp)   ! for minus infinity: one value for ever more points
+         model%entropy = -huge(1.0_wp)   ! stands for minus infinity
       end if
       model%is_solved = .true.
    end subroutine fit_reference
 
-   !> Draws independent values, or one value for all points.
+   !> Draws independent values, or one value at all points.
    subroutine draw_reference(model, stream, values)
       type(process_model_type), intent(in) :: model
       type(stream_type), intent(inout) :: stream

@@ -1,8 +1,7 @@
-!> Processes that differ in nothing but mean and scale are one: what is fitted in their stead, and
-!> how it is carried over to each.
+!> Scaling of processes: those that differ in mean and scale alone have one fit, in their own unit.
 !>
-!> A positive process scales with its mean; any other one with its std, and its mean is added. What
-!> is fitted depends on the request alone, so that its bits do not depend on what else is asked for.
+!> The unit of a positive process is its mean, that of any other one its std, and its mean is added
+!> after the fit. A fit depends on its request alone, so its bits do not depend on other processes.
 module process_scaling
    use core_kinds, only: long, wp
    use core_random, only: label_of
@@ -12,21 +11,21 @@ module process_scaling
    private
    public :: unit_request, first_of_fit, carry_over
 
-   !> Brings a process into another unit.
+   !> Multiplies the components of a process by powers of the unit of X.
    type, extends(component_visitor) :: scaling_visitor
-      real(wp) :: unit = 1.0_wp   !! of X, in that of before
+      real(wp) :: unit = 1.0_wp   !! [unit of X]
    contains
       procedure :: visit_table => scale_table
    end type scaling_visitor
 
 contains
 
-   !> The request of mean 1, if it is positive, or of mean 0 and std 1, whose process is the wanted
-   !> one in another unit. What has no such unit stays as it is, to be refused.
+   !> Request in the unit of the process: of mean 1 if it is positive, else of mean 0 and std 1. A
+   !> request whose mean or std is out of range stays as it is, and will be refused.
    pure function unit_request(request) result(unit)
       type(process_request), intent(in) :: request
       type(process_request) :: unit
-      logical :: is_scalable   ! the request can be met, as far as mean and std tell
+      logical :: is_scalable   ! mean and std are in range
 
       unit = request
       is_scalable = request%std > 0.0_wp .and. request%std <= huge(1.0_wp) .and. &
@@ -37,8 +36,8 @@ contains
       unit%std = request%std/unit_of(request)
    end function unit_request
 
-   !> Numbers of the processes that are fitted: of each one, the first that has the same fit. The
-   !> ratio std/mean is a rounded one: where two differ in the last place, each has its own fit.
+   !> Number of the first process with the same fit, for each process. Fits are the same if the
+   !> requests in the unit of the process are equal to the last digit of std/mean.
    pure function first_of_fit(requests) result(first)
       type(process_request), intent(in) :: requests(:)
       integer :: first(size(requests))
@@ -49,13 +48,13 @@ contains
       first = [(findloc(labels, labels(i), 1), i=1, size(labels))]
    end function first_of_fit
 
-   !> Hash of all that the fit of a request depends on.
+   !> Hash of everything that the fit of a request depends on.
    pure integer(long) function label_of_fit(unit) result(label)
       type(process_request), intent(in) :: unit
       type(process_request) :: request
 
       request = unit
-      if (.not. unit%positive) request%sampler = ''   ! of no meaning there
+      if (.not. unit%positive) request%sampler = ''   ! has no effect
       label = label_of(request_label(request), &
                        label_of(trim(unit%bound_side)//' '//trim(unit%simulation)))
       label = label_of(label, merge(1, 0, unit%all_signs))
@@ -65,7 +64,7 @@ contains
       label = label_of(label, unit%fit_steps)
    end function label_of_fit
 
-   !> Carries the process of the unit request over to the request itself, component by component.
+   !> Scales the model of the unit request to that of the request.
    subroutine carry_over(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(inout) :: model
@@ -80,8 +79,8 @@ contains
       model%mean = request%mean
    end subroutine carry_over
 
-   !> Scales a component by the power of the unit of X that its own unit has; an entropy grows by
-   !> the logarithm, its error does not.
+   !> Scales a component by the power of the unit of X in its unit; adds the logarithm of the unit
+   !> to an entropy, but not to its error.
    subroutine scale_table(self, what, values)
       class(scaling_visitor), intent(inout) :: self
       type(component), intent(in) :: what
@@ -97,13 +96,13 @@ contains
       case ('1/unit of x squared')
          values = values/self%unit**2
       case ('nat')
-         if (what%is_optional .and. .not. any(abs(values) > 0.0_wp)) return   ! not there
+         if (what%is_optional .and. .not. any(abs(values) > 0.0_wp)) return   ! absent
          n = merge(1, size(values, 2), what%axis%name == '')
          values(:, :n) = values(:, :n) + log(self%unit)
       end select
    end subroutine scale_table
 
-   !> One unit of the unit process [unit of X].
+   !> Unit of the process [unit of X].
    pure function unit_of(request) result(unit)
       type(process_request), intent(in) :: request
       real(wp) :: unit

@@ -1,11 +1,11 @@
-!> Everything that follows from the coefficients of an autoregressive process: poles,
-!> autocovariance, both lengths, entropy (Sec. 2.3).
+!> Properties of an autoregressive process by its coefficients: poles, autocovariance, correlation
+!> lengths and entropy (Sec. 2.3).
 module process_autoregressive_description
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_roots, only: find_polynomial_roots
    use process_autoregressive_model, only: autocovariance_of, innovation_std, &
-      reflection_of
+                                           reflection_of
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
    use process_correlation, only: correlation_length
    use process_entropy, only: gaussian_entropy
@@ -18,16 +18,16 @@ module process_autoregressive_description
 
 contains
 
-   !> Describes the stationary process of a_q and b0: poles, autocovariance, both lengths, entropy.
-   !> K(m) is kept until the largest pole leaves 1e-6 of K(0), to `max_stored_lags` at most. Fails
-   !> where the poles are not found or too many lags count.
+   !> Fills the model of the stationary process with a_q and b0. Stores K(m) until the largest pole
+   !> leaves 1e-6 of K(0), but at most `max_stored_lags` lags. Fails if the poles are not found or
+   !> the lengths need too many lags.
    subroutine describe_ar(a, b0, model, error, known_sums)
       real(wp), intent(in) :: a(:)   !! a_q, q = 1..order; stationary
       real(wp), intent(in) :: b0     !! [unit of X]
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
-      type(correlation_sums), intent(in), optional :: known_sums   !! else they are computed
-      real(wp), parameter :: smallest_stored = 1.0e-6_wp   !! of K(m)/K(0)
+      type(correlation_sums), intent(in), optional :: known_sums   !! computed if absent
+      real(wp), parameter :: smallest_stored = 1.0e-6_wp   !! least |pole|^m
       type(correlation_sums) :: sums
       real(wp) :: kappa(size(a))
       integer :: n_lags

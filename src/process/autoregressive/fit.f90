@@ -1,16 +1,15 @@
-!> The autoregressive process of given order, std and correlation length with the largest entropy
-!> (Sec. 2.3).
+!> Fit of the autoregressive process of largest entropy for an order M, a std and one or both
+!> correlation lengths (Sec. 2.3).
 !>
-!> In terms of the reflection coefficients the entropy is ln std + 0.5 sum ln(1 - kappa^2) plus a
-!> constant, and where K(m) >= 0 at every lag both infinite lengths are closed forms of the
-!> v_m = ln(R_M/R_m) of `process_autoregressive_sums`:
+!> The entropy is ln std + 0.5 sum ln(1 - kappa_m^2) plus a constant. If K(m) >= 0 at every lag, the
+!> lengths are closed forms of v_m = ln(R_M/R_m), R_m of `process_autoregressive_sums`:
 !>    L0 = (exp(v_0) - 1)/2,      L1 = sum_(m<M) sinh(v_m)/(1 + exp(-v_0)).
-!> For L0 all kappa are then equal at the maximum. For L1, and for both lengths at once, which hold
-!> v_0 too, the maximum is one of - sum ln cosh((v_(m-1) - v_m)/2) + nu (sum sinh(v_m) - L1 (1 +
-!> exp(-v_0))), m = 0..M-1: its conditions give all v_m from the last one and the multiplier nu,
-!> which two nested searches find. That K(m) >= 0 holds is checked on the result. Where no such
-!> process has both lengths, `process_autoregressive_search` looks for one whose K(m) change their
-!> sign or are 0; the tests look for one that does better than the closed forms.
+!> With L0 imposed, all kappa_m are equal at the maximum. With L1 imposed, it is the maximum of
+!>    - sum ln cosh((v_(m-1) - v_m)/2) + nu (sum_(m<M) sinh(v_m) - L1 (1 + exp(-v_0))),
+!> and with both lengths v_0 is fixed too. The conditions of the maximum give all v_m from v_(M-1)
+!> and the multiplier nu, which two nested searches find. K(m) >= 0 is checked on the result. If no
+!> such process has both lengths, `process_autoregressive_search` looks for one with K(m) of either
+!> sign or 0. The tests search for processes of larger entropy, and find none.
 module process_autoregressive_fit
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
@@ -28,17 +27,18 @@ module process_autoregressive_fit
    private
    public :: fit_ar, nonnegative_reflection, optimal_reflection
 
-   real(wp), parameter :: length_tolerance = 1.0e-10_wp      !! relative, of the length reached
-   real(wp), parameter :: optimality_tolerance = 1.0e-8_wp   !! relative, of its conditions
-   real(wp), parameter :: search_tolerance = 1.0e-2_wp       !! the same, of a smoothed maximum
-   real(wp), parameter :: entropy_tolerance = 1.0e-5_wp      !! of its entropy [nat]
-   real(wp), parameter :: longest = 1.0e6_wp                 !! [lags]
-   integer, parameter :: max_steps = 200                     !! of a root's search
-   real(wp), parameter :: first_step = 0.1_wp                !! relative
+   real(wp), parameter :: length_tolerance = 1.0e-10_wp      !! relative error of a length
+   real(wp), parameter :: optimality_tolerance = 1.0e-8_wp   !! residual of optimality conditions
+   real(wp), parameter :: search_tolerance = 1.0e-2_wp       !! residual of smoothed lengths
+   real(wp), parameter :: entropy_tolerance = 1.0e-5_wp      !! entropy of smoothed lengths [nat]
+   real(wp), parameter :: longest_length = 1.0e6_wp          !! [lags]
+   integer, parameter :: max_steps = 200                     !! steps of a search for a root
+   real(wp), parameter :: first_step = 0.1_wp                !! first step of a search
 
 contains
 
-   !> Fits and describes. Fails for bad numbers and where no maximum could be proved.
+   !> Fits the process and fills its model. Fails if the request is invalid or the result is not a
+   !> maximum.
    subroutine fit_ar(request, model, error)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
@@ -46,7 +46,7 @@ contains
       type(correlation_sums) :: sums
       type(both_lengths_maximum) :: best
       real(wp), allocatable :: kappa(:)
-      real(wp) :: missed
+      real(wp) :: length_error
 
       if (.not. (request%std > 0.0_wp .and. request%std <= huge(1.0_wp))) then
          call raise(error, exit_bad_input, 'std = '//to_text(request%std)// &
@@ -56,13 +56,13 @@ contains
       call optimal_reflection(request, kappa, error)
       if (allocated(error)) return
       call sum_correlation(kappa, sums, error)
-      missed = distance_from(request, sums)
+      length_error = length_error_of(request, sums)
       if (request%correlation == 'both' .and. .not. (sums%is_nonnegative .and. &
-                                                     missed <= length_tolerance)) then
-         call find_maximum(request%correlation_length, request%second_length, &
+                                                     length_error <= length_tolerance)) then
+         call find_maximum([request%correlation_length, request%second_length], &
                            equal_reflection(request%correlation_length, request%order), best)
          associate (lower => nonnegative_reflection(request))
-            if (size(lower) > 0) &   ! which every order contains
+            if (size(lower) > 0) &   ! a process of lower order is one of this order too
                best%is_feasible = best%is_feasible .and. &
                                   best%entropy > gaussian_entropy(innovation_std(lower, 1.0_wp)) - &
                                   entropy_tolerance
@@ -70,7 +70,7 @@ contains
          if (best%is_feasible) then
             kappa = best%kappa
             call sum_correlation(kappa, sums, error)
-            missed = distance_from(request, sums)
+            length_error = length_error_of(request, sums)
          end if
       end if
       if (allocated(error)) return
@@ -78,11 +78,11 @@ contains
                        sums)
       if (allocated(error)) return
       if (best%is_feasible) then
-         model%optimality = max(best%residual, missed)
+         model%optimality = max(best%residual, length_error)
          model%is_solved = model%optimality <= search_tolerance
       else
-         model%optimality = max(optimality_residual(request%correlation, kappa), missed)
-         model%is_solved = sums%is_nonnegative .and. missed <= length_tolerance .and. &
+         model%optimality = max(optimality_residual(request%correlation, kappa), length_error)
+         model%is_solved = sums%is_nonnegative .and. length_error <= length_tolerance .and. &
                            model%optimality <= optimality_tolerance
       end if
       if (.not. model%is_solved) &
@@ -90,30 +90,30 @@ contains
                     to_text(request%order)//' with '//lengths_of(request)// &
                     ': the search ended at L0 = '//to_text(sums%l0)//', L1 = '// &
                     to_text(sums%l1)//' with optimality residual '//to_text(model%optimality)// &
-                    lower_order(request))
+                    advice(request))
    end subroutine fit_ar
 
-   !> '; order = .. has both with K(m) >= 0', the highest one; or what all need.
-   function lower_order(request) result(advice)
+   !> Advice on a lower order with both lengths, or on the lengths that are feasible; may be empty.
+   function advice(request) result(text)
       type(process_request), intent(in) :: request
-      character(:), allocatable :: advice
+      character(:), allocatable :: text
 
-      advice = ''
+      text = ''
       if (request%correlation /= 'both') return
       associate (kappa => nonnegative_reflection(request), l0 => request%correlation_length, &
                  l1 => request%second_length)
          if (size(kappa) > 0) then
-            advice = '; order = '//to_text(size(kappa))//' has both with K(m) >= 0'
+            text = '; order = '//to_text(size(kappa))//' has both with K(m) >= 0'
          else if (l1*(1.0_wp + l0) < l0) then
-            advice = '; every process has L1 >= L0/(1 + L0)'
+            text = '; every process has L1 >= L0/(1 + L0)'
          else if (l1 > request%order*l0) then
-            advice = '; K(m) >= 0 needs L1 <= order*L0'
+            text = '; K(m) >= 0 needs L1 <= order*L0'
          end if
       end associate
-   end function lower_order
+   end function advice
 
-   !> kappa_m of the maximum with K(m) >= 0 for both lengths, of the highest order below the
-   !> request's; none where no order has it.
+   !> Reflection coefficients of the maximum with K(m) >= 0 for both lengths, of the highest order
+   !> below that of the request that has one; empty if there is none.
    function nonnegative_reflection(request) result(kappa)
       type(process_request), intent(in) :: request
       real(wp), allocatable :: kappa(:)
@@ -128,13 +128,13 @@ contains
          call optimal_reflection(lower, kappa, error)
          if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
          if (allocated(error)) exit
-         if (sums%is_nonnegative .and. distance_from(lower, sums) <= length_tolerance) return
+         if (sums%is_nonnegative .and. length_error_of(lower, sums) <= length_tolerance) return
       end do
       kappa = [real(wp) ::]
    end function nonnegative_reflection
 
-   !> Largest relative distance from the imposed lengths.
-   pure function distance_from(request, sums) result(distance)
+   !> Largest relative error of the imposed lengths.
+   pure function length_error_of(request, sums) result(distance)
       type(process_request), intent(in) :: request
       type(correlation_sums), intent(in) :: sums
       real(wp) :: distance
@@ -144,9 +144,9 @@ contains
       if (request%correlation == 'both') &
          distance = max(distance, abs(sums%l1 - request%second_length) &
                         /max(request%second_length, tiny(1.0_wp)))
-   end function distance_from
+   end function length_error_of
 
-   !> kappa_m of the maximum for L0 alone: all are equal.
+   !> Reflection coefficients of the maximum for L0 alone: all are equal.
    pure function equal_reflection(length, order) result(kappa)
       real(wp), intent(in) :: length   !! L0 [lags]
       integer, intent(in) :: order
@@ -155,8 +155,8 @@ contains
       kappa = -tanh(log_one_plus(2.0_wp*length)/(2*order))
    end function equal_reflection
 
-   !> Finds the kappa_m of the maximum by the closed forms, which are those of K(m) >= 0. Whether
-   !> they reach the length, and whether K(m) >= 0, is for `fit_ar` to check.
+   !> Finds the reflection coefficients of the maximum by the closed forms for K(m) >= 0. The caller
+   !> must check that they have the length and K(m) >= 0. Fails if the request is invalid.
    subroutine optimal_reflection(request, kappa, error)
       type(process_request), intent(in) :: request
       real(wp), allocatable, intent(out) :: kappa(:)
@@ -164,9 +164,9 @@ contains
 
       associate (length => request%correlation_length, second => request%second_length, &
                  order => request%order)
-         if (.not. (length >= 0.0_wp .and. length <= longest)) then
+         if (.not. (length >= 0.0_wp .and. length <= longest_length)) then
             call raise(error, exit_bad_input, 'correlation_length = '//to_text(length)// &
-                       ': must not be negative, and at most '//to_text(longest)// &
+                       ': must not be negative, and at most '//to_text(longest_length)// &
                        ': poles come too near the unit circle')
             return
          end if
@@ -182,10 +182,10 @@ contains
          case ('L1')
             call match_l1(length, kappa)
          case ('both')
-            if (order < 2 .or. .not. min(length, second) > 0.0_wp .or. second > longest) then
+            if (order < 2 .or. .not. min(length, second) > 0.0_wp .or. second > longest_length) then
                call raise(error, exit_bad_input, 'second_length = '//to_text(second)// &
                           ', order = '//to_text(order)//': both lengths must be positive, at '// &
-                          'most '//to_text(longest)//', and order at least 2')
+                          'most '//to_text(longest_length)//', and order at least 2')
                return
             end if
             call match_l1(second, kappa, log_one_plus(2.0_wp*length))
@@ -196,12 +196,12 @@ contains
       end associate
    end subroutine optimal_reflection
 
-   !> Finds the kappa_m of the maximum for L1, with v_0 free or held: L1 grows with the last v_m.
-   !> Where none has it they are those for L0 alone.
+   !> Finds the reflection coefficients of the maximum for L1, with v_0 free or fixed, by a search
+   !> for v_(M-1), with which L1 grows. If none has this L1, they are those for L0 alone.
    subroutine match_l1(target, kappa, v_0)
       real(wp), intent(in) :: target           !! L1 [lags]
       real(wp), intent(out) :: kappa(:)
-      real(wp), intent(in), optional :: v_0    !! ln (1 + 2 L0), held
+      real(wp), intent(in), optional :: v_0    !! ln(1 + 2 L0), fixed if present
       real(wp) :: last, scale, share, v(0:size(kappa))
       type(root_search) :: search
       integer :: order, step
@@ -214,7 +214,7 @@ contains
       search%step = first_step
       do step = 1, max_steps
          last = share
-         call match_start(target, scale, share*scale, v, v_0)
+         call find_multiplier(target, scale, share*scale, v, v_0)
          associate (l1 => sum(sinh(v(:order - 1)))/(1.0_wp + exp(-v(0))))
             call search%advance(share, log(max(l1, tiny(l1))) - log(target))
             if (abs(l1 - target) <= length_tolerance*target) &
@@ -224,11 +224,11 @@ contains
       end do
    end subroutine match_l1
 
-   !> Finds all v_m from half the last one by the multiplier nu: that for which the optimality
-   !> condition of v_0 holds, or v_0 is the one that is held.
-   subroutine match_start(target, scale, half, v, v_0)
-      real(wp), intent(in) :: target, scale   !! of nu
-      real(wp), intent(in) :: half            !! atanh(t_order), see `march_to_start`
+   !> Finds all v_m from v_(M-1) by a search for the multiplier nu, such that the optimality
+   !> condition of v_0 holds or, if v_0 is fixed, such that it has its value.
+   subroutine find_multiplier(target, scale, half, v, v_0)
+      real(wp), intent(in) :: target, scale   !! L1; scale of nu
+      real(wp), intent(in) :: half            !! v_(M-1)/2
       real(wp), intent(out) :: v(0:)
       real(wp), intent(in), optional :: v_0
       type(root_search) :: search
@@ -239,22 +239,22 @@ contains
       search%step = first_step
       do step = 1, max_steps
          last = share
-         call march_to_start(half, share*scale, v, t)
+         call find_v(half, share*scale, v, t)
          excess = share - 0.5_wp*(t/scale)/(cosh(v(0)) + target*exp(-v(0)))
          if (present(v_0)) excess = v_0 - v(0)
          call search%advance(share, excess)
          if (.not. abs(share - last) > epsilon(last)*abs(last)) exit
       end do
-   end subroutine match_start
+   end subroutine find_multiplier
 
-   !> Computes v_m from the last to the first by their optimality conditions: with t_m = -kappa_m =
-   !> tanh((v_(m-1) - v_m)/2) these are t_m = t_(m+1) - 2 nu cosh(v_m), 0 < m < order.
-   pure subroutine march_to_start(half, nu, v, t)
-      real(wp), intent(in) :: half     !! atanh(t_order)
+   !> Computes v_m from m = order down to 0 by the optimality conditions, t_m = t_(m+1)
+   !> - 2 nu cosh(v_m), 0 < m < order, with t_m = -kappa_m = tanh((v_(m-1) - v_m)/2).
+   pure subroutine find_v(half, nu, v, t)
+      real(wp), intent(in) :: half     !! v_(order-1)/2 = atanh(t_order)
       real(wp), intent(in) :: nu       !! multiplier
       real(wp), intent(out) :: v(0:)   !! (0:order)
       real(wp), intent(out) :: t       !! t_1
-      real(wp), parameter :: largest_t = 1.0_wp - 1.0e-15_wp, largest_v = 300.0_wp   ! beyond all
+      real(wp), parameter :: largest_t = 1.0_wp - 1.0e-15_wp, largest_v = 300.0_wp   ! no overflow
       integer :: m, order
 
       order = ubound(v, 1)
@@ -265,16 +265,17 @@ contains
          t = max(-largest_t, min(t - 2.0_wp*nu*cosh(v(m)), largest_t))
          v(m - 1) = max(-largest_v, min(v(m) + 2.0_wp*atanh(t), largest_v))
       end do
-   end subroutine march_to_start
+   end subroutine find_v
 
-   !> Residual of the entropy's gradient in atanh(kappa), which is -kappa, when its part along the
-   !> gradients of the lengths is taken away: largest component, relative to the largest of all.
+   !> Residual of the optimality conditions: largest component of the entropy's gradient in
+   !> atanh(kappa), which is -kappa, without its part along the gradients of the lengths; over the
+   !> largest component of the whole gradient.
    function optimality_residual(correlation, kappa) result(residual)
       character(*), intent(in) :: correlation
       real(wp), intent(in) :: kappa(:)   !! with K(m) >= 0
       real(wp) :: residual
       real(wp) :: slopes(2, size(kappa))
-      integer :: first, last   ! of the imposed lengths
+      integer :: first, last   ! numbers of the imposed lengths
 
       residual = 0.0_wp
       if (.not. any(abs(kappa) > 0.0_wp)) return

@@ -1,9 +1,8 @@
-!> Autoregressive processes: coefficients, reflection coefficients, autocovariance, poles (Sec.
-!> 2.3).
+!> Autoregressive processes: coefficients, reflection coefficients and autocovariance (Sec. 2.3).
 !>
 !> Eq. (39): z_n = b0 w_n - sum a_q z_(n-q). The reflection coefficient kappa_m is the last
-!> coefficient of the best predictor of order m; all in (-1, 1) is the same as all poles inside the
-!> unit circle.
+!> coefficient of the best predictor of order m. All poles lie inside the unit circle if, and only
+!> if, all kappa_m lie in (-1, 1).
 module process_autoregressive_model
    use core_kinds, only: wp
    implicit none(type, external)
@@ -12,7 +11,7 @@ module process_autoregressive_model
 
 contains
 
-   !> a_q from the reflection coefficients, upwards through the orders (Levinson).
+   !> Coefficients a_q from the reflection coefficients, order by order (Levinson).
    pure function coefficients_of(kappa) result(a)
       real(wp), intent(in) :: kappa(:)   !! kappa_m, m = 1..order
       real(wp) :: a(size(kappa))         !! a_q, q = 1..order
@@ -26,15 +25,15 @@ contains
    !> Raises the best predictor by one order (Levinson).
    pure subroutine step_up(a, order, kappa)
       real(wp), intent(inout) :: a(:)   !! its first order - 1 entries in, order out
-      integer, intent(in) :: order      !! the new one
-      real(wp), intent(in) :: kappa     !! its reflection coefficient
+      integer, intent(in) :: order      !! new order
+      real(wp), intent(in) :: kappa     !! reflection coefficient of the new order
 
       a(:order - 1) = a(:order - 1) + kappa*a(order - 1:1:-1)
       a(order) = kappa
    end subroutine step_up
 
-   !> Reflection coefficients from a_q, downwards. The first that is not inside (-1, 1) ends it: the
-   !> process is not stationary, and the lower ones stay zero.
+   !> Reflection coefficients from a_q, from the highest order down. Those below one that is not in
+   !> (-1, 1), for which the process is not stationary, are 0.
    pure function reflection_of(a) result(kappa)
       real(wp), intent(in) :: a(:)
       real(wp) :: kappa(size(a))
@@ -50,7 +49,7 @@ contains
       end do
    end function reflection_of
 
-   !> b0 of the process with standard deviation `std`: b0^2 = std^2 prod(1 - kappa^2).
+   !> Scale b0 of the innovations: b0^2 = std^2 prod(1 - kappa^2).
    pure function innovation_std(kappa, std) result(b0)
       real(wp), intent(in) :: kappa(:)
       real(wp), intent(in) :: std   !! sigma_Z
@@ -76,7 +75,7 @@ contains
          call step_up(a, m, kappa(m))
          error_variance = error_variance*(1.0_wp - kappa(m)**2)
       end do
-      ! to all lags that K(m) reaches at once: a sum of dot_product would wait for each of its terms
+      ! adds K(m) to all lags it contributes to, which is faster than a dot_product for each lag
       correlation(order + 1:) = 0.0_wp
       do m = 1, n_lags - 1
          first = max(m, order) + 1

@@ -1,12 +1,11 @@
-!> The autoregressive process of largest entropy with both correlation lengths, whatever the signs
-!> of K(m) (Sec. 2.3).
+!> Search for the autoregressive process of largest entropy with both correlation lengths and with
+!> K(m) of any sign (Sec. 2.3). The maximum with K(m) >= 0 is in `process_autoregressive_fit`.
 !>
-!> `process_autoregressive_fit` knows the maximum where all K(m) > 0. Elsewhere it often has some
-!> K(m) = 0, where the lengths have a kink. With e the width of a smoothed kink, each |K(m)|/K(0) is
-!> replaced by
-!>    sqrt(rho_m^2 + e^2) - e,    whose slope s_m = rho_m/sqrt(rho_m^2 + e^2) lies in (-1, 1),
-!> and NLopt follows the maximum, in atanh(kappa), from a large width, where there is hardly a kink,
-!> to a negligible one. There the smoothed targets are moved until the lengths themselves are met.
+!> The maximum often has some K(m) = 0, where |K(m)| is not differentiable. So rho_m = K(m)/K(0) has
+!> its modulus replaced by the smooth
+!>    sqrt(rho_m^2 + e^2) - e    with the slope rho_m/sqrt(rho_m^2 + e^2).
+!> NLopt follows the maximum, in atanh(kappa), as the width e is reduced to a negligible one. Then
+!> the targets of the smoothed lengths are moved until the exact lengths are reached.
 module process_autoregressive_search
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -21,118 +20,119 @@ module process_autoregressive_search
    private
    public :: both_lengths_maximum, find_maximum
 
-   !> Where the search ended.
+   !> Result of the search.
    type :: both_lengths_maximum
       real(wp), allocatable :: kappa(:)    !! (order)
       real(wp) :: entropy = -huge(1.0_wp)  !! per point, of unit std [nat]
-      real(wp) :: residual = huge(1.0_wp)  !! of the smoothed optimality conditions, relative
-      logical :: is_feasible = .false.     !! the lengths are the wanted ones
+      real(wp) :: residual = huge(1.0_wp)  !! relative residual of its conditions
+      logical :: is_feasible = .false.     !! the lengths are reached
    end type both_lengths_maximum
 
-   !> Minus the entropy under smoothed lengths; x = atanh(kappa).
+   !> Maximum of the entropy for given smoothed lengths, in x = atanh(kappa).
    type, extends(minimization_problem) :: smoothed_problem
       real(wp) :: lengths(2) = 0.0_wp   !! L0 and L1 [lags]
-      real(wp) :: width = 0.0_wp        !! of the kinks, over K(0)
-      real(wp) :: scale = 1.0_wp        !! brings the entropy lost to order 1 for the search
-      integer :: n_lags = 0             !! that are summed
+      real(wp) :: width = 0.0_wp        !! e
+      real(wp) :: scale = 1.0_wp        !! factor on the objective: order 1
+      integer :: n_lags = 0             !! lags in the sums
    contains
-      procedure :: objective => entropy_lost
-      procedure :: equalities => length_defect
+      procedure :: objective => entropy_loss
+      procedure :: equalities => smoothed_length_error
    end type smoothed_problem
 
-   real(wp), parameter :: close = 1.0e-6_wp   !! relative, of the lengths to the wanted ones
+   real(wp), parameter :: length_tolerance = 1.0e-6_wp   !! relative error of a length
 
 contains
 
-   !> Finds the maximum; not feasible where the search ends elsewhere, or lengths are too great to
-   !> be summed lag by lag.
-   subroutine find_maximum(length, second_length, start, best)
-      real(wp), intent(in) :: length, second_length   !! L0 and L1 [lags], positive
-      real(wp), intent(in) :: start(:)                !! kappa to begin with
+   !> Finds the maximum. It is not feasible if the search does not reach the lengths, or if they are
+   !> too large to be summed lag by lag.
+   subroutine find_maximum(lengths, start, best)
+      real(wp), intent(in) :: lengths(2)   !! L0 and L1 [lags], positive
+      real(wp), intent(in) :: start(:)     !! first kappa
       type(both_lengths_maximum), intent(out) :: best
-      real(wp), parameter :: farthest = 8.0_wp       ! atanh(kappa): kappa = 1 - 2e-7
-      real(wp), parameter :: stationary = 1.0e-5_wp  ! relative, of the gradient
-      real(wp), parameter :: widest = 3.0e-2_wp, narrowest = 1.0e-5_wp, narrowing = 0.3_wp
-      real(wp), parameter :: longest = 1.0e3_wp      ! [lags]
+      real(wp), parameter :: largest_x = 8.0_wp            ! kappa = 1 - 2e-7
+      real(wp), parameter :: small_residual = 1.0e-5_wp    ! ends the passes
+      real(wp), parameter :: widest = 3.0e-2_wp, narrowest = 1.0e-5_wp, narrowing = 0.3_wp   ! of e
+      real(wp), parameter :: longest = 1.0e3_wp            ! length [lags]
       integer, parameter :: max_evaluations = 400, max_passes = 12
       type(smoothed_problem) :: problem
-      real(wp), dimension(size(start)) :: settled, x
-      real(wp) :: defect(2), gradients(size(start), 2), residual, unused(2)
+      real(wp), dimension(size(start)) :: best_x, x
+      real(wp) :: length_error(2), gradients(size(start), 2), residual, unused(2)
       integer :: pass
       logical :: is_met
 
-      if (max(length, second_length) > longest) return
+      if (maxval(lengths) > longest) return
       problem%n_equalities = 2
-      problem%lengths = [length, second_length]
-      problem%n_lags = 200 + 20*size(start) + ceiling(60.0_wp*max(length, second_length))
+      problem%lengths = lengths
+      problem%n_lags = 200 + 20*size(start) + ceiling(60.0_wp*maxval(lengths))
       problem%width = widest
       x = atanh(start)
       problem%scale = 1.0_wp/sum(log_cosh(x))
       do while (problem%width > narrowest)
-         call minimize(problem, farthest, close, max_evaluations, x, is_met)
+         call minimize(problem, largest_x, length_tolerance, max_evaluations, x, is_met)
          problem%width = max(narrowing*problem%width, narrowest)
       end do
-      settled = x
+      best_x = x
       do pass = 1, max_passes
-         call minimize(problem, farthest, close, max_evaluations, x, is_met)
-         defect = defect_of(x, length, second_length)
-         if (.not. maxval(abs(defect)) < 1.0_wp) exit
-         ! of the entropy's gradient, without its parts along those of the smoothed lengths
+         call minimize(problem, largest_x, length_tolerance, max_evaluations, x, is_met)
+         length_error = length_error_of(x, lengths)
+         if (.not. maxval(abs(length_error)) < 1.0_wp) exit
+         ! gradient of the entropy, without its part along those of the smoothed lengths
          call problem%equalities(x, unused, gradients)
          residual = maxval(abs(rest_of_gradient(tanh(x), transpose(gradients)))) &
                     /maxval(abs(tanh(x)))
-         if (maxval(abs(defect)) <= close .and. residual < best%residual) then
+         if (maxval(abs(length_error)) <= length_tolerance .and. residual < best%residual) then
             best%residual = residual
-            settled = x
+            best_x = x
          end if
-         if (best%residual <= stationary) exit
-         problem%lengths = problem%lengths*exp(-defect)
+         if (best%residual <= small_residual) exit
+         problem%lengths = problem%lengths*exp(-length_error)
       end do
-      problem%width = tiny(1.0_wp)   ! the kinks themselves
-      call lead_to_lengths(problem, length, second_length, settled, best%is_feasible)
-      best%kappa = tanh(settled)
+      problem%width = tiny(1.0_wp)   ! exact lengths
+      call correct_lengths(problem, lengths, best_x, best%is_feasible)
+      best%kappa = tanh(best_x)
       best%entropy = gaussian_entropy(innovation_std(best%kappa, 1.0_wp))
    end subroutine find_maximum
 
-   !> Leads x to the lengths themselves by the shortest steps.
-   subroutine lead_to_lengths(problem, length, second_length, x, is_met)
-      type(smoothed_problem), intent(inout) :: problem   !! for gradients
-      real(wp), intent(in) :: length, second_length
+   !> Changes x by the shortest steps until the exact lengths are reached.
+   subroutine correct_lengths(problem, lengths, x, is_met)
+      type(smoothed_problem), intent(inout) :: problem   !! its gradients are used
+      real(wp), intent(in) :: lengths(2)
       real(wp), intent(inout) :: x(:)
       logical, intent(out) :: is_met
-      real(wp), parameter :: met = 1.0e-9_wp   ! relative: where many K(m) are 0 less is reached
+      real(wp), parameter :: target_error = 1.0e-9_wp   ! relative; not always reached
       integer, parameter :: max_steps = 40
-      real(wp) :: change(size(x)), defect(2), gradients(size(x), 2), unused(2)
+      real(wp) :: change(size(x)), length_error(2), gradients(size(x), 2), unused(2)
       integer :: step
       logical :: is_regular
 
       do step = 1, max_steps
-         defect = defect_of(x, length, second_length)
-         is_met = maxval(abs(defect)) <= close
-         if (maxval(abs(defect)) <= met .or. .not. maxval(abs(defect)) < 1.0_wp) return
+         length_error = length_error_of(x, lengths)
+         is_met = maxval(abs(length_error)) <= length_tolerance
+         if (maxval(abs(length_error)) <= target_error) return
+         if (.not. maxval(abs(length_error)) < 1.0_wp) return
          call problem%equalities(x, unused, gradients)
-         call step_to_maximum(unit_matrix(size(x)), transpose(gradients), 0.0_wp*x, defect, &
+         call step_to_maximum(unit_matrix(size(x)), transpose(gradients), 0.0_wp*x, length_error, &
                               change, unused, is_regular)
          if (.not. is_regular) return
          x = x + change
       end do
-   end subroutine lead_to_lengths
+   end subroutine correct_lengths
 
-   !> ln(length/wanted length) of both, summed to infinity; huge where too many lags count.
-   function defect_of(x, length, second_length) result(defect)
-      real(wp), intent(in) :: x(:), length, second_length
-      real(wp) :: defect(2)
+   !> ln(length/target) of both infinite lengths; huge if they need too many lags.
+   function length_error_of(x, lengths) result(length_error)
+      real(wp), intent(in) :: x(:), lengths(2)
+      real(wp) :: length_error(2)
       type(correlation_sums) :: sums
       type(error_type), allocatable :: error
 
-      defect = huge(1.0_wp)
+      length_error = huge(1.0_wp)
       call sum_correlation(tanh(x), sums, error)
       if (allocated(error)) return
-      if (min(sums%l0, sums%l1) > 0.0_wp) defect = log([sums%l0, sums%l1]/[length, second_length])
-   end function defect_of
+      if (min(sums%l0, sums%l1) > 0.0_wp) length_error = log([sums%l0, sums%l1]/lengths)
+   end function length_error_of
 
-   !> Computes - 0.5 sum ln(1 - kappa^2) = sum ln cosh x, scaled, and its gradient.
-   subroutine entropy_lost(self, x, value, gradient)
+   !> Computes the loss of entropy, -0.5 sum ln(1 - kappa^2) = sum ln cosh x, scaled.
+   subroutine entropy_loss(self, x, value, gradient)
       class(smoothed_problem), intent(inout) :: self
       real(wp), intent(in) :: x(:)
       real(wp), intent(out) :: value
@@ -140,10 +140,10 @@ contains
 
       value = self%scale*sum(log_cosh(x))
       if (present(gradient)) gradient = self%scale*tanh(x)
-   end subroutine entropy_lost
+   end subroutine entropy_loss
 
-   !> Computes ln(smoothed length/wanted length) for both, and its gradient.
-   subroutine length_defect(self, x, values, jacobian)
+   !> Computes ln(smoothed length/target) of both lengths, and its gradients.
+   subroutine smoothed_length_error(self, x, values, jacobian)
       class(smoothed_problem), intent(inout) :: self
       real(wp), intent(in) :: x(:)
       real(wp), intent(out) :: values(:)
@@ -157,7 +157,7 @@ contains
       rho = autocovariance_of(kappa, self%n_lags)
       modulus = hypot(rho(1:), self%width)
       slope = rho(1:)/modulus
-      modulus = rho(1:)**2/(modulus + self%width)   ! less the width, without cancellation
+      modulus = rho(1:)**2/(modulus + self%width)   ! minus e, without cancellation
       lengths(1) = max(sum(modulus), tiny(1.0_wp))
       lengths(2) = max(sum(lag*modulus)/(1.0_wp + lengths(1)), tiny(1.0_wp))
       values = log(lengths/self%lengths)
@@ -165,6 +165,6 @@ contains
       jacobian(:, 1) = lag_sum_gradient(kappa, rho, slope)/lengths(1)
       jacobian(:, 2) = lag_sum_gradient(kappa, rho, (lag - lengths(2))*slope) &
                        /((1.0_wp + lengths(1))*lengths(2))
-   end subroutine length_defect
+   end subroutine smoothed_length_error
 
 end module process_autoregressive_search

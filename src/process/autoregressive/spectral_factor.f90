@@ -1,10 +1,9 @@
-!> Spectral factorization: the autoregressive process whose spectrum is the reciprocal of a banded
-!> symbol.
+!> Spectral factorization: finds the autoregressive process whose spectrum is the reciprocal of a
+!> banded symbol.
 !>
-!> A symbol is g(t) = g_0 + 2 sum g_m cos(mt), m = 1..order, positive for all t. It is
-!> |B(exp(it))|^2 with B(z) = (1 + sum a_q z^-q)/b0 and all zeros of B inside the unit circle.
-!> Nothing here depends on how near to the circle they lie, and nothing is sampled: this is the way
-!> where no FFT is long enough.
+!> The symbol g(t) = g_0 + 2 sum g_m cos(mt), m = 1..order, positive for all t, is |B(exp(it))|^2
+!> with B(z) = (1 + sum a_q z^-q)/b0 and all zeros of B inside the unit circle. Nothing is sampled,
+!> so the zeros may lie nearer to the circle than any FFT could resolve.
 module process_autoregressive_spectral_factor
    use core_kinds, only: wp
    use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
@@ -15,16 +14,13 @@ module process_autoregressive_spectral_factor
 
 contains
 
-   !> Computes the autoregressive process of Eq. (39) whose inverse covariance has the given symbol:
-   !> solves |B|^2 = g by Newton's method (Wilson, 1969), which converges from any stable start for
-   !> every positive symbol.
-   !>
-   !> Where the symbol is not positive, or so nearly zero that double precision cannot tell,
-   !> `is_positive` comes back false and `a`, `b0` mean nothing.
+   !> Computes the autoregressive process, Eq. (39), whose inverse covariance has the given symbol.
+   !> Solves |B|^2 = g by Newton's method (Wilson, 1969), which converges from any stable start if
+   !> the symbol is positive. If it is not, to double precision, `a` and `b0` are undefined.
    pure subroutine equivalent_process(symbol, a, b0, is_positive)
       real(wp), intent(in) :: symbol(0:)               !! g_m, m = 0..order
-      real(wp), allocatable, intent(inout) :: a(:)     !! a_q, q = 1..order; allocated: a start
-      real(wp), intent(inout) :: b0                    !! positive where it is one with a
+      real(wp), allocatable, intent(inout) :: a(:)     !! a_q, q = 1..order; a start if allocated
+      real(wp), intent(inout) :: b0                    !! on entry of the start
       logical, intent(out) :: is_positive
       integer, parameter :: max_iterations = 80   ! one per halving of the nearest zero's distance
       real(wp), dimension(0:ubound(symbol, 1)) :: defect, factor
@@ -45,8 +41,7 @@ contains
       do iteration = 1, max_iterations
          defect = symbol - autocorrelation(factor)
          error = maxval(abs(defect))
-         ! at the end rounding alone is left, and moves up and down; one more step then gives
-         ! small coefficients their digits too
+         ! at the end only rounding is left, which varies; one more step refines small coefficients
          is_positive = is_last
          is_last = error <= rounding .or. &
                    error <= 1.0e3_wp*rounding .and. error >= 0.5_wp*last_error
@@ -64,15 +59,15 @@ contains
       is_positive = all(abs(reflection_of(a)) < 1.0_wp)
    end subroutine equivalent_process
 
-   !> The first-order change of B, (0:order), that a change of its symbol makes: B times the causal
-   !> half of change/|B|^2.
+   !> First-order change of B, (0:order), by a change of its symbol: B times the causal half of
+   !> change/|B|^2.
    pure function change_of_factor(factor, reciprocal, change) result(step)
       real(wp), intent(in) :: factor(0:)       !! B = [1, a]/b0
-      real(wp), intent(in) :: reciprocal(0:)   !! coefficients of 1/|B|^2, to twice the order
-      real(wp), intent(in) :: change(0:)       !! of the symbol, (0:order)
+      real(wp), intent(in) :: reciprocal(0:)   !! coefficients of 1/|B|^2 to lag 2 order
+      real(wp), intent(in) :: change(0:)       !! change of the symbol, (0:order)
       real(wp) :: step(0:ubound(factor, 1))
-      real(wp) :: both_sides(-ubound(reciprocal, 1):ubound(reciprocal, 1)), ratio(0:ubound(factor, &
-            1))
+      real(wp) :: both_sides(-ubound(reciprocal, 1):ubound(reciprocal, 1))
+      real(wp) :: ratio(0:ubound(factor, 1))   ! causal half of change/|B|^2
       integer :: j, order
 
       order = ubound(factor, 1)
@@ -90,7 +85,7 @@ contains
       end do
    end function change_of_factor
 
-   !> g_m, m = 0..order, of a process: its spectrum's reciprocal.
+   !> Symbol g_m, m = 0..order, of a process: the reciprocal of its spectrum.
    pure function symbol_of_process(a, b0) result(symbol)
       real(wp), intent(in) :: a(:), b0
       real(wp) :: symbol(0:size(a))
@@ -98,7 +93,7 @@ contains
       symbol = autocorrelation([1.0_wp, a])/b0**2
    end function symbol_of_process
 
-   !> sum_q B_q B_(q+m), m = 0..order: the symbol |B|^2.
+   !> Symbol |B|^2: sum_q B_q B_(q+m), m = 0..order.
    pure function autocorrelation(factor) result(symbol)
       real(wp), intent(in) :: factor(0:)
       real(wp) :: symbol(0:ubound(factor, 1))
@@ -116,7 +111,7 @@ contains
    pure subroutine reciprocal_of_process(a, b0, reciprocal, is_stable)
       real(wp), intent(in) :: a(:), b0
       real(wp), intent(out) :: reciprocal(0:)
-      logical, intent(out) :: is_stable   !! false: poles outside the circle, nothing computed
+      logical, intent(out) :: is_stable   !! false if poles lie outside the circle: no result
       real(wp) :: kappa(size(a))
 
       kappa = reflection_of(a)

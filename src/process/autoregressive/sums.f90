@@ -1,16 +1,15 @@
-!> Both correlation lengths of an autoregressive process, summed to infinity: Eqs. (8), (9), (41),
-!> and their derivatives.
+!> Correlation lengths of an autoregressive process, summed to infinity, and their derivatives: Eqs.
+!> (8), (9) and (41).
 !>
-!> The signed sums are closed forms in the reflection coefficients. With R_0 = 1 and
+!> Sums of K(m) with its sign are closed forms in the reflection coefficients. With R_0 = 1 and
 !>    R_m = R_(m-1) (1 - kappa_m)/(1 + kappa_m),
 !>    1 + 2 sum rho(m) = R_M,    2 sum m rho(m) = R_M sum_(m<M) sinh(ln R_M - ln R_m):
-!> the step-up recursion of the predictor, and its derivative, taken at frequency 0. Where one
-!> positive pole outlives all others only finitely many lags are negative, and only they are left to
-!> add. Otherwise the moduli are summed until Cauchy's estimate bounds what is left.
+!> the step-up recursion of the predictor at frequency 0, and its derivative. If the largest pole is
+!> real and positive, only finitely many K(m) are negative, and only these are summed. Otherwise
+!> |K(m)| is summed until Cauchy's estimate bounds the remainder.
 !>
-!> Derivatives are with respect to atanh(kappa_m). Closed forms are differentiated as such; sums
-!> over lags backwards, lag by lag and order by order (the adjoint of Levinson's recursion), at the
-!> cost of two marches.
+!> Derivatives are with respect to atanh(kappa_m): of the closed forms, and of sums over lags by the
+!> adjoint of Levinson's recursion, at the cost of two evaluations.
 module process_autoregressive_sums
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
@@ -18,66 +17,62 @@ module process_autoregressive_sums
    use numerics_elementary, only: exp_minus_one
    use numerics_roots, only: find_polynomial_roots
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, innovation_std, &
-      step_up
+                                           step_up
    use process_correlation, only: correlation_length
    implicit none(type, external)
    private
    public :: correlation_sums, sum_correlation, positive_sums, log_spectral_ratios
    public :: lag_sum_gradient, positive_gradient
 
-   !> Infinite sums of one process.
+   !> Correlation lengths of a process, and whether K(m) >= 0.
    type :: correlation_sums
       real(wp) :: l0 = 0.0_wp                 !! Eq. (8) [lags]
       real(wp) :: l1 = 0.0_wp                 !! Eq. (9) [lags]
-      logical :: is_nonnegative = .false.     !! K(m) >= 0 at every lag, or its mirror image is
+      logical :: is_nonnegative = .false.     !! K(m) >= 0, or (-1)^m K(m) >= 0, at all lags
    end type correlation_sums
 
-   real(wp), parameter :: remainder = 1.0e-18_wp     !! of sum m |rho(m)|, left out at most
+   real(wp), parameter :: largest_remainder = 1.0e-18_wp     !! upper limit of the rest of the sum
    integer, parameter :: max_lags = 20000000
-   integer, parameter :: n_radii = 31                !! circles tried for Cauchy's estimate
+   integer, parameter :: n_circles = 31                !! circles in Cauchy's estimate
 
 contains
 
-   !> Adds up |K(m)| and m |K(m)| over all lags, K(0) = 1. Fails where more than `most_lags` lags
-   !> count: poles near the circle, without one real pole that outlives the others.
+   !> Sums |K(m)| and m |K(m)| over all lags, K(0) = 1. Fails if more than `most_lags` lags are
+   !> needed: with poles near the circle, of which the largest is not real.
    subroutine sum_correlation(kappa, sums, error, most_lags)
       real(wp), intent(in) :: kappa(:)   !! all inside (-1, 1)
       type(correlation_sums), intent(out) :: sums
       type(error_type), allocatable, intent(out) :: error
-      integer, optional, intent(in) :: most_lags   !! `max_lags` when absent: some seconds
+      integer, optional, intent(in) :: most_lags   !! default `max_lags`: some seconds
       complex(wp), allocatable :: poles(:)
-      real(wp) :: folded(size(kappa)), n_certain, n_negligible
+      real(wp) :: mirrored(size(kappa)), n_certain, n_negligible
       integer :: limit, order
 
       limit = max_lags
       if (present(most_lags)) limit = most_lags
-      order = size(kappa)
-      do while (order > 0)   ! a vanishing last coefficient is a lower order
-         if (abs(kappa(order)) > 0.0_wp) exit
-         order = order - 1
-      end do
+      order = findloc(abs(kappa) > 0.0_wp, .true., dim=1, back=.true.)   ! 0: white noise
       sums%is_nonnegative = .true.
       if (order == 0) return
-      folded = kappa
-      call find_polynomial_roots(coefficients_of(folded(:order)), poles, error)
+      mirrored = kappa
+      call find_polynomial_roots(coefficients_of(mirrored(:order)), poles, error)
       if (allocated(error)) return
       if (poles(1)%re < 0.0_wp .and. .not. abs(poles(1)%im) > 0.0_wp) then
-         folded(1::2) = -kappa(1::2)   ! (-1)^m K(m) has the same sums
+         mirrored(1::2) = -kappa(1::2)   ! (-1)^m K(m) has the same sums
          poles = -poles
       end if
-      n_certain = first_lag_of_one_sign(folded(:order), poles)
-      n_negligible = first_negligible_lag(folded(:order), poles)
+      n_certain = first_lag_of_one_sign(mirrored(:order), poles)
+      n_negligible = first_negligible_lag(mirrored(:order), poles)
       if (.not. min(n_certain, n_negligible) < limit) then
          call raise(error, exit_no_solution, 'correlation length of an autoregressive process '// &
                     'of order '//to_text(order)//' with largest pole '//to_text(abs(poles(1)))// &
                     ': more than '//to_text(limit)//' lags count')
          return
       end if
-      call march(folded(:order), ceiling(min(n_certain, n_negligible)), n_certain <= n_negligible, &
-                 sums)
+      call sum_lags(mirrored(:order), ceiling(min(n_certain, n_negligible)), &
+                    n_certain <= n_negligible, sums)
    end subroutine sum_correlation
 
-   !> ln R_m, m = 0..order: R_m is the spectral density at frequency 0 over the variance, order m.
+   !> ln R_m, m = 0..order; R_m is the spectral density of order m at frequency 0 over the variance.
    pure function log_spectral_ratios(kappa) result(log_r)
       real(wp), intent(in) :: kappa(:)
       real(wp) :: log_r(0:size(kappa))
@@ -89,7 +84,7 @@ contains
       end do
    end function log_spectral_ratios
 
-   !> Sums of a process that is known to have K(m) >= 0 at every lag: closed forms.
+   !> Correlation lengths of a process with K(m) >= 0 at every lag, by the closed forms.
    pure function positive_sums(kappa) result(sums)
       real(wp), intent(in) :: kappa(:)
       type(correlation_sums) :: sums
@@ -103,11 +98,11 @@ contains
       end associate
    end function positive_sums
 
-   !> Adds the lags one by one: all moduli, or the negative ones beside the closed forms.
-   pure subroutine march(kappa, n_lags, is_closed, sums)
+   !> Sums |K(m)| lag by lag, or with `is_closed` adds negative K(m) to the closed forms.
+   pure subroutine sum_lags(kappa, n_lags, is_closed, sums)
       real(wp), intent(in) :: kappa(:)
       integer, intent(in) :: n_lags
-      logical, intent(in) :: is_closed   !! no lag after these is negative
+      logical, intent(in) :: is_closed   !! all K(m) >= 0 beyond these lags
       type(correlation_sums), intent(out) :: sums
       real(wp) :: moment, negative
       real(wp), allocatable :: rho(:)
@@ -125,15 +120,14 @@ contains
       else
          sums%l0 = correlation_length('L0', rho)
          sums%l1 = correlation_length('L1', rho)
-         ! or what of (-1)^m K(m) is negative: rounding leaves signs to lags that are zero
+         ! or the negative part of (-1)^m K(m); K(m) = 0 has either sign by rounding
          negative = min(negative, sum(max(rho(1::2), 0.0_wp)) - sum(min(rho(2::2), 0.0_wp)))
       end if
       sums%is_nonnegative = negative <= 100*epsilon(1.0_wp)*sums%l0
-   end subroutine march
+   end subroutine sum_lags
 
-   !> A lag from which K > 0 for sure: the residue of the largest pole, when it is real and
-   !> positive, against Cauchy's estimate of all the others on a circle between it and them. Huge
-   !> when there is none.
+   !> Lag from which K(m) > 0: the residue of the largest pole, if it is real and positive, exceeds
+   !> Cauchy's estimate of all others on a circle between it and them. Huge if there is none.
    pure function first_lag_of_one_sign(kappa, poles) result(lag)
       real(wp), intent(in) :: kappa(:)
       complex(wp), intent(in) :: poles(:)   !! by descending modulus
@@ -150,15 +144,16 @@ contains
       log_residue = 2.0_wp*log(innovation_std(kappa, 1.0_wp)) &
                     - sum(log(abs(1.0_wp - poles(2:)/largest))) &
                     - sum(log(abs(1.0_wp - poles*largest)))
-      do i = 1, n_radii
-         radius = inner*(largest/inner)**(i/(n_radii + 1.0_wp))
+      do i = 1, n_circles
+         radius = inner*(largest/inner)**(i/(n_circles + 1.0_wp))
          if (.not. (radius > inner .and. radius < largest)) cycle
          lag = min(lag, (log_bound(kappa, poles, radius) - log_residue)/log(largest/radius))
       end do
       lag = max(lag, 0.0_wp)
    end function first_lag_of_one_sign
 
-   !> A lag from which the sum of m |rho(m)| is below `remainder`. Huge when poles touch the circle.
+   !> Lag from which the sum of m |rho(m)| is below `largest_remainder`. Huge if a pole is on the
+   !> circle.
    pure function first_negligible_lag(kappa, poles) result(lag)
       real(wp), intent(in) :: kappa(:)
       complex(wp), intent(in) :: poles(:)
@@ -168,10 +163,10 @@ contains
 
       lag = huge(1.0_wp)
       if (.not. abs(poles(1)) < 1.0_wp) return
-      do i = 1, n_radii
-         radius = abs(poles(1))**(i/(n_radii + 1.0_wp))
+      do i = 1, n_circles
+         radius = abs(poles(1))**(i/(n_circles + 1.0_wp))
          if (.not. (radius > abs(poles(1)) .and. radius < 1.0_wp)) cycle
-         bound = log_bound(kappa, poles, radius) - log(remainder)
+         bound = log_bound(kappa, poles, radius) - log(largest_remainder)
          n = 0.0_wp
          do pass = 1, 4   ! sum_(m>=n) m r^m = r^n (n/(1-r) + r/(1-r)^2); the logarithm moves little
             n = (bound + log(n/(1.0_wp - radius) + radius/(1.0_wp - radius)**2))/(-log(radius))
@@ -181,8 +176,8 @@ contains
       end do
    end function first_negligible_lag
 
-   !> ln of a bound of |b0^2/(A(1/z) A(z))| on |z| = radius: |rho(m)| (without the poles outside, if
-   !> any) stays below it times radius**m.
+   !> ln of a bound of |b0^2/(A(1/z) A(z))| on |z| = radius. Times radius**m it bounds |rho(m)|, or
+   !> the part of it by the poles inside this circle.
    pure function log_bound(kappa, poles, radius) result(bound)
       real(wp), intent(in) :: kappa(:), radius
       complex(wp), intent(in) :: poles(:)
@@ -192,7 +187,7 @@ contains
               - sum(log(abs(1.0_wp - abs(poles)/radius))) - sum(log(1.0_wp - abs(poles)*radius))
    end function log_bound
 
-   !> Gradients in atanh(kappa) of L0 and L1 where K(m) >= 0 at every lag, one a row.
+   !> Gradients of L0 (row 1) and L1 (row 2) in atanh(kappa), if K(m) >= 0 at every lag.
    pure function positive_gradient(kappa) result(gradient)
       real(wp), intent(in) :: kappa(:)   !! kappa_m, m = 1..order
       real(wp) :: gradient(2, size(kappa))
@@ -211,14 +206,14 @@ contains
       end do
    end function positive_gradient
 
-   !> Gradient in atanh(kappa) of sum weights(m) rho(m).
+   !> Gradient of sum weights(m) rho(m) in atanh(kappa).
    pure function lag_sum_gradient(kappa, rho, weights) result(gradient)
       real(wp), intent(in) :: kappa(:)
-      real(wp), intent(in) :: rho(0:)       !! K(m)/K(0) of this very process, to the order at least
-      real(wp), intent(in) :: weights(:)    !! m = 1.. of as many lags
+      real(wp), intent(in) :: rho(0:)       !! K(m)/K(0) of this process, to the order at least
+      real(wp), intent(in) :: weights(:)    !! lags m = 1..
       real(wp) :: gradient(size(kappa))
       real(wp) :: a(size(kappa), 0:size(kappa))      ! (q, order): predictors of all orders
-      real(wp) :: a_bar(size(kappa))                 ! _bar: the sum's derivative by it
+      real(wp) :: a_bar(size(kappa))                 ! _bar: derivative of the sum
       real(wp) :: variance(0:size(kappa)), variance_bar
       real(wp), allocatable :: rho_bar(:)
       integer :: m, order, q

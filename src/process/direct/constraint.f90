@@ -1,4 +1,4 @@
-!> The constraint on the correlation length, as the search for its signs sees it (Sec. 2.1).
+!> Constraint on the correlation length, Eq. (11), and the lags whose signs must be searched.
 module process_direct_constraint
    use core_kinds, only: wp
    use process_correlation, only: constraint_weights
@@ -11,8 +11,8 @@ module process_direct_constraint
    type :: length_constraint
       integer :: m_max = 0
       real(wp), allocatable :: weights(:)    !! a_m, m = 0..m_max
-      integer, allocatable :: rewarded(:)    !! lags with a_m < 0: their signs are to be searched
-      integer, allocatable :: penalized(:)   !! lags m >= 1 with a_m > 0: they can have K(m) = 0
+      integer, allocatable :: rewarded(:)    !! lags m >= 1 with a_m < 0, whose signs are searched
+      integer, allocatable :: penalized(:)   !! lags m >= 1 with a_m > 0, where K(m) = 0 is possible
    end type length_constraint
 
 contains
@@ -26,7 +26,7 @@ contains
                                                      request%correlation_length, request%order))
    end function constraint_of
 
-   !> The constraint with these weights.
+   !> Constraint with given weights.
    pure function new_constraint(weights) result(constraint)
       real(wp), intent(in) :: weights(0:)   !! a_m, m = 0..m_max, Eqs. (13), (14)
       type(length_constraint) :: constraint

@@ -1,9 +1,7 @@
-!> The direct method (Sec. 2.2): the process whose inverse covariance is a banded Toeplitz matrix,
-!> with the signs that make its entropy largest. It is an autoregressive process of order m_max, Eq.
-!> (39).
+!> Direct method (Sec. 2.2): fits the process whose inverse covariance is a banded Toeplitz matrix,
+!> with the signs of largest entropy. It is an autoregressive process of order m_max, Eq. (39).
 !>
-!> Both correlation lengths are cut at m_max here, Eq. (11); the infinite sums of the result are
-!> larger.
+!> The imposed length is cut at m_max, Eq. (11); the infinite sum is larger.
 module process_direct_fit
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
@@ -12,13 +10,13 @@ module process_direct_fit
    use process_autoregressive_fit, only: fit_ar
    use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
    use process_autoregressive_spectral_factor, only: symbol_of_process
-   use process_autoregressive_sums, only: correlation_sums, positive_sums, sum_correlation
+   use process_autoregressive_sums, only: positive_sums
    use process_correlation, only: constraint_weights, correlation_length
    use process_direct_constraint, only: constraint_of, length_constraint
    use process_direct_limits, only: certainly_infeasible_m_max, find_complaint, reason_of_failure, &
-      reason_of_inaccuracy
+                                    reason_of_inaccuracy
    use process_direct_sign_search, only: count_sequences, is_all_plus_best, limit_of_entropy, &
-      search_all_signs, search_result, search_structured
+                                         search_all_signs, search_result, search_structured
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: inversion_check, process_model_type, process_request
    implicit none(type, external)
@@ -31,8 +29,8 @@ module process_direct_fit
 
 contains
 
-   !> Solves for the process without sign constraint, by the request's method. Beside a positive one
-   !> a few sequences of signs are enough.
+   !> Fits the process of any sign by either method. For a positive request the search for signs is
+   !> short.
    subroutine fit_unconstrained(request, model, error)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
@@ -52,13 +50,13 @@ contains
       end if
    end subroutine fit_unconstrained
 
-   !> Solves the request; `model%is_solved` tells whether, `model%reason` why not.
+   !> Fits a process. If there is none, `model%is_solved` is false and `model%reason` says why.
    subroutine fit_direct(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
       type(length_constraint) :: constraint
       type(search_result) :: search
-      character(:), allocatable :: how
+      character(:), allocatable :: searched
       logical :: is_certain
 
       model%request = request
@@ -69,18 +67,18 @@ contains
          return
       end if
       constraint = constraint_of(request)
-      call search_as_affordable(constraint, request%all_signs, search, is_certain, how)
-      call describe_winner(request, search, how, is_certain, model)
+      call search_signs(constraint, request%all_signs, search, is_certain, searched)
+      call describe_best(request, search, searched, is_certain, model)
       if (is_certain .or. .not. model%is_solved) return
       call limit_of_entropy(constraint, model%entropy_ceiling)
       model%entropy_ceiling = model%entropy_ceiling + log(request%std)
    end subroutine fit_direct
 
-   !> Number of parts that a request's search is best cut into; 1: it is not worth sharing.
+   !> Number of parts into which the search of a request should be divided; 1 if it is short.
    function count_parts(request) result(n)
       type(process_request), intent(in) :: request
       integer :: n
-      integer, parameter :: part_size = 1024   ! sequences: some 0.05 s
+      integer, parameter :: part_size = 1024   ! sequences, in some 0.05 s
       character(:), allocatable :: complaint
 
       n = 1
@@ -91,8 +89,8 @@ contains
       n = int(max(1_long, count_sequences(constraint_of(request))/part_size))
    end function count_parts
 
-   !> Describes the process from the search of all sequences, whole or joined from its parts. While
-   !> some are missing the model stays unsolved, without a reason.
+   !> Fills the model from the search of all sequences. If parts are missing, it stays unsolved,
+   !> without a reason.
    subroutine conclude_direct(request, search, model)
       type(process_request), intent(in) :: request
       type(search_result), intent(in) :: search
@@ -100,15 +98,15 @@ contains
 
       model%request = request
       if (search%n_examined < count_sequences(constraint_of(request))) return
-      call describe_winner(request, search, every_sequence, .true., model)
+      call describe_best(request, search, every_sequence, .true., model)
    end subroutine conclude_direct
 
-   !> Describes the best solution of a search and lists all of them; gives the reason where there is
-   !> none.
-   subroutine describe_winner(request, search, how, is_certain, model)
+   !> Fills the model from the best solution of a search, with a list of all solutions; or gives the
+   !> reason why there is none.
+   subroutine describe_best(request, search, searched, is_certain, model)
       type(process_request), intent(in) :: request
       type(search_result), intent(in) :: search
-      character(*), intent(in) :: how
+      character(*), intent(in) :: searched   !! sequences that were searched
       logical, intent(in) :: is_certain   !! no sequence has more entropy
       type(process_model_type), intent(inout) :: model
       type(sequence_solution) :: solutions(size(search%solutions))   ! in the unit of X
@@ -121,18 +119,18 @@ contains
       do i = 1, size(solutions)
          solutions(i) = mirrored(search%solutions(i))
       end do
-      call describe(request, solutions(1), model)
+      call fill_model(request, solutions(1), model)
       model%request = request
-      model%search = how
+      model%search = searched
       model%n_examined = int(search%n_examined)
       model%n_consistent = int(search%n_consistent)
       model%entropy_ceiling = model%entropy
       solutions%lambda_3 = solutions%lambda_3/request%std**2
       solutions%entropy = solutions%entropy + log(request%std)
       call list_solutions(solutions, model)
-   end subroutine describe_winner
+   end subroutine describe_best
 
-   !> Lists solutions for different signs.
+   !> Stores a list of solutions in the model.
    pure subroutine list_solutions(solutions, model)
       type(sequence_solution), intent(in) :: solutions(:)   !! by descending entropy
       type(process_model_type), intent(inout) :: model
@@ -145,27 +143,26 @@ contains
       model%solutions_entropy = solutions%entropy
    end subroutine list_solutions
 
-   !> Searches all sequences where that is asked for or they are few; else likely ones, and all
-   !> after them where one has been found, theory does not know it for the best and there are not
-   !> many more.
-   subroutine search_as_affordable(constraint, all_signs, search, is_certain, how)
+   !> Searches all sequences if they are few or if that is asked for, else likely ones. If these
+   !> give a solution that is not proven to be best, searches all if that takes a second at most.
+   subroutine search_signs(constraint, all_signs, search, is_certain, searched)
       type(length_constraint), intent(in) :: constraint
       logical, intent(in) :: all_signs
       type(search_result), intent(out) :: search
-      logical, intent(out) :: is_certain                 !! no sequence has more entropy
-      character(:), allocatable, intent(out) :: how
-      integer(long), parameter :: most_sequences = 2048   ! solved in a fraction of a second
-      integer(long), parameter :: many_more = 8           ! in a second
+      logical, intent(out) :: is_certain   !! no sequence has more entropy
+      character(:), allocatable, intent(out) :: searched   !! sequences that were searched
+      integer(long), parameter :: most_sequences = 2048   ! in a fraction of a second
+      integer(long), parameter :: longer_factor = 8       ! times as many in a second
       type(sequence_solution) :: best
-      integer(long) :: affordable
+      integer(long) :: most_affordable
 
-      affordable = most_sequences/(1 + size(constraint%penalized)/4)
-      if (count_sequences(constraint) > affordable .and. .not. all_signs) then
+      most_affordable = most_sequences/(1 + size(constraint%penalized)/4)
+      if (count_sequences(constraint) > most_affordable .and. .not. all_signs) then
          call search_structured(constraint, best)
          is_certain = is_all_plus_best(constraint)
          if (is_certain .or. .not. best%is_feasible .or. &
-             count_sequences(constraint) > many_more*affordable) then
-            how = trim(merge('all plus  ', 'structured', is_certain))
+             count_sequences(constraint) > longer_factor*most_affordable) then
+            searched = trim(merge('all plus  ', 'structured', is_certain))
             search%n_examined = 1
             allocate (search%solutions(0))
             if (best%is_feasible) search%solutions = [best]
@@ -174,28 +171,26 @@ contains
       end if
       call search_all_signs(constraint, 1, 1, search)
       is_certain = .true.
-      how = every_sequence
-   end subroutine search_as_affordable
+      searched = every_sequence
+   end subroutine search_signs
 
-   !> Fills the model from one solution, in the unit of X, and checks it anew from a_q and b0 alone.
-   subroutine describe(request, solution, model)
+   !> Fills the model from one solution, and checks it by its a_q alone.
+   subroutine fill_model(request, solution, model)
       type(process_request), intent(in) :: request
       type(sequence_solution), intent(in) :: solution   !! sigma_X = 1
       type(process_model_type), intent(out) :: model
-      type(correlation_sums) :: sums
       type(error_type), allocatable :: error
-      real(wp), allocatable :: kappa(:)
+      real(wp) :: b0, kappa(request%order)
 
       kappa = reflection_of(solution%a)
-      ! with every s_m = +1 and no lag penalized 1/g is a series in powers of a sum of cosines with
-      ! positive factors: all K(m) > 0
+      b0 = request%std*innovation_std(kappa, 1.0_wp)
+      ! for all s_m = +1 and no penalized lag 1/g is a series in powers of a sum of cosines with
+      ! positive factors, so all K(m) > 0
       if (all(solution%s > 0.0_wp) .and. is_all_plus_best(constraint_of(request))) then
-         sums = positive_sums(kappa)
+         call describe_ar(solution%a, b0, model, error, positive_sums(kappa))
       else
-         call sum_correlation(kappa, sums, error)
+         call describe_ar(solution%a, b0, model, error)
       end if
-      if (.not. allocated(error)) &
-         call describe_ar(solution%a, request%std*innovation_std(kappa, 1.0_wp), model, error, sums)
       if (allocated(error)) then
          model%reason = error%message
          return
@@ -206,19 +201,19 @@ contains
       model%delta = solution%delta
       model%lambda_3 = solution%lambda_3/request%std**2
       model%optimality = residual(request, solution)
-      ! those of the solution are right to rounding, where rounding of the a_q moves what they give
+      ! from the solution, as results by the a_q are sensitive to their rounding
       model%entropy = solution%entropy + log(request%std)
       model%autocovariance(:request%order) = request%std**2*solution%correlation
       model%l0_cut = correlation_length('L0', solution%correlation)
       model%l1_cut = correlation_length('L1', solution%correlation)
       model%is_solved = model%optimality <= optimality_tolerance
       if (.not. model%is_solved) model%reason = reason_of_inaccuracy(request, model%optimality)
-   end subroutine describe
+   end subroutine fill_model
 
-   !> Largest violation of: the length, lambda_3 = 1/(2 sigma^2), and the entries of G, Eqs. (23),
-   !> (28), (30): g_0 = 1 + delta a_0 (a factor 2 is missing there in print), g_m = delta a_m s_m/2
-   !> with s_m = sgn K(m), or anywhere between where K(m) = 0. The last ones relative to g_0.
-   !> Everything from the a_q.
+   !> Residual of the optimality conditions, by the a_q: largest error of the length, of
+   !> lambda_3 = 1/(2 sigma^2), and of the entries of G over g_0, Eqs. (23), (28) and (30):
+   !> g_0 = 1 + delta a_0 (a factor 2 is missing in print) and g_m = delta a_m s_m/2, with
+   !> s_m = sgn K(m), or any s_m in [-1, 1] if K(m) = 0.
    pure function residual(request, solution) result(largest)
       type(process_request), intent(in) :: request
       type(sequence_solution), intent(in) :: solution
@@ -241,34 +236,31 @@ contains
       end associate
    end function residual
 
-   !> The solution or its mirror image, which is the same solution: the one whose first odd lag that
-   !> is not zero has K(m) > 0.
-   pure function mirrored(solution) result(turned)
+   !> Solution or its mirror image, whichever has K(m) > 0 at the first odd lag where it is not 0.
+   pure function mirrored(solution) result(image)
       type(sequence_solution), intent(in) :: solution
-      type(sequence_solution) :: turned
+      type(sequence_solution) :: image
       real(wp), parameter :: zero = 1.0e-9_wp
-      integer :: m
+      integer :: first
 
-      turned = solution
-      do m = 1, size(solution%s), 2
-         if (solution%correlation(m) > zero) return
-         if (solution%correlation(m) < -zero) exit
-      end do
-      if (m <= size(solution%s)) turned = mirror_image(solution)
+      image = solution
+      first = 2*findloc(abs(solution%correlation(1::2)) > zero, .true., dim=1) - 1
+      if (first < 1) return
+      if (solution%correlation(first) < 0.0_wp) image = mirror_image(solution)
    end function mirrored
 
    !> Solution with (-1)^m K(m).
-   pure function mirror_image(solution) result(turned)
+   pure function mirror_image(solution) result(image)
       type(sequence_solution), intent(in) :: solution
-      type(sequence_solution) :: turned
+      type(sequence_solution) :: image
 
-      turned = solution
-      turned%s(1::2) = -turned%s(1::2)
-      turned%correlation(1::2) = -turned%correlation(1::2)
-      turned%a(1::2) = -turned%a(1::2)
+      image = solution
+      image%s(1::2) = -image%s(1::2)
+      image%correlation(1::2) = -image%correlation(1::2)
+      image%a(1::2) = -image%a(1::2)
    end function mirror_image
 
-   !> Signs as integers; 0 where K(m) = 0 is held by an s_m between the signs.
+   !> Sign as an integer; 0 if K(m) = 0, with s_m inside (-1, 1).
    elemental function integer_signs(s) result(signs)
       real(wp), intent(in) :: s
       integer :: signs
@@ -276,9 +268,9 @@ contains
       signs = merge(nint(sign(1.0_wp, s)), 0, abs(s) > 1.0_wp - 1.0e-9_wp)
    end function integer_signs
 
-   !> Solves Eq. (35), the paper's own way to K(m): the inverse of a finite matrix G, of
-   !> 2 half_width + 1 points. It errs like |largest pole|^(2 half_width), and costs half_width^3,
-   !> which is for the caller to measure.
+   !> Computes K(m) by Eq. (35), the paper's method: the inverse of a matrix G of 2 half_width + 1
+   !> points. Its error is about |largest pole|^(2 half_width), its cost grows as half_width^3. The
+   !> caller measures its time.
    subroutine check_by_inversion(model, half_width, check, error)
       type(process_model_type), intent(in) :: model   !! solved, without sign constraint
       integer, intent(in) :: half_width               !! M of Eq. (35), at least the order
@@ -289,7 +281,7 @@ contains
 
       middle = half_width + 1
       allocate (matrix(2*half_width + 1, 2*half_width + 1), source=0.0_wp)
-      associate (g => [symbol_of_process(model%a, model%b0)])   ! (from 1)
+      associate (g => [symbol_of_process(model%a, model%b0)])   ! lower bound 1
          do i = 1, size(matrix, 1)
             do m = 0, min(model%order, i - 1)
                matrix(i, i - m) = g(m + 1)

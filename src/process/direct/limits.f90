@@ -1,8 +1,8 @@
 !> Requests that the direct method refuses, and the m_max that a length needs (Sec. 2.2).
 !>
-!> L0 needs m_max > L0. With L1, all plus has a solution when m_max > 2 L1; other signs can do with
-!> less. As |K(m)| <= K(0), sum (m - L1)|K(m)| over m > L1 must exceed L1 K(0), whence a bound from
-!> below.
+!> L0 needs m_max > L0. For L1, all signs + have a solution if m_max > 2 L1; other signs may have
+!> one at a smaller m_max. As |K(m)| <= K(0), the sum of (m - L1)|K(m)| over m > L1 must exceed
+!> L1 K(0), which gives a lower bound of m_max.
 module process_direct_limits
    use core_kinds, only: long, wp
    use core_text, only: to_text
@@ -19,7 +19,8 @@ module process_direct_limits
 
 contains
 
-   !> Finds the first bad number of a request, and says what is allowed; unallocated: none.
+   !> Finds the first invalid value of a request and says what is allowed; unallocated if there is
+   !> none.
    subroutine find_complaint(request, complaint)
       type(process_request), intent(in) :: request
       character(:), allocatable, intent(out) :: complaint
@@ -29,17 +30,17 @@ contains
          complaint = "correlation = '"//trim(request%correlation)//"': must be 'L0' or 'L1'"
       else if (request%order < 1) then
          complaint = 'order = '//to_text(request%order)// &
-            ': m_max of the direct method must be at least 1'
+                     ': m_max of the direct method must be at least 1'
       else if (.not. (request%correlation_length > 0.0_wp .and. &
                       request%correlation_length <= huge(1.0_wp))) then
          complaint = 'correlation_length = '//to_text(request%correlation_length)// &
-            ': must be finite and positive'
+                     ': must be finite and positive'
       else if (.not. (request%std > 0.0_wp .and. request%std <= huge(1.0_wp))) then
          complaint = 'std = '//to_text(request%std)//': must be finite and positive'
       else if (request%all_signs) then
          n = count_sequences(constraint_of(request))
-         most = 2_long**30   ! half a day of one core
-         if (request%positive) then   ! each sampled, and its mirror image another process
+         most = 2_long**30   ! half a day of a processor
+         if (request%positive) then   ! each is sampled, and its mirror image too
             n = 2*n
             most = 2_long**11
          end if
@@ -48,10 +49,10 @@ contains
       end if
    end subroutine find_complaint
 
-   !> Reason why there is no solution, with an m_max that has one.
+   !> Reason why there is no solution, with a feasible m_max.
    function reason_of_failure(request, is_certain) result(reason)
       type(process_request), intent(in) :: request
-      logical, intent(in) :: is_certain   !! every sequence was examined
+      logical, intent(in) :: is_certain   !! all sequences were examined
       character(:), allocatable :: reason
 
       if (request%order >= certainly_feasible_m_max(request)) then
@@ -63,10 +64,10 @@ contains
       end if
    end function reason_of_failure
 
-   !> Reason to refuse a solution that double precision cannot hold.
+   !> Reason to refuse a solution that double precision does not resolve.
    pure function reason_of_inaccuracy(request, residual) result(reason)
       type(process_request), intent(in) :: request
-      real(wp), intent(in) :: residual   !! of the optimality conditions
+      real(wp), intent(in) :: residual   !! residual of the optimality conditions
       character(:), allocatable :: reason
 
       reason = named(request)//': the optimality conditions are met to '//to_text(residual)// &
@@ -81,7 +82,7 @@ contains
              to_text(request%correlation_length)//' cut at m_max = '//to_text(request%order)
    end function named
 
-   !> The smallest m_max that is feasible, as far as it is known.
+   !> Advice on the smallest feasible m_max.
    function advice(request) result(text)
       type(process_request), intent(in) :: request
       character(:), allocatable :: text
@@ -97,8 +98,8 @@ contains
       end if
    end function advice
 
-   !> Finds the smallest m_max that has a solution by searching all signs. Where that would take too
-   !> long `is_smallest` is false, and m_max is one that is certainly feasible.
+   !> Finds the smallest m_max with a solution by searching all signs. If that would take too long,
+   !> `is_smallest` is false and m_max is one that is certainly feasible.
    subroutine smallest_feasible_m_max(request, m_max, is_smallest)
       type(process_request), intent(in) :: request
       integer, intent(out) :: m_max
@@ -124,7 +125,7 @@ contains
       m_max = enough
    end subroutine smallest_feasible_m_max
 
-   !> An m_max at which, as at all above, there is a solution.
+   !> Order m_max from which on there is a solution.
    pure integer function certainly_feasible_m_max(request) result(m_max)
       type(process_request), intent(in) :: request
 
@@ -133,7 +134,7 @@ contains
       end associate
    end function certainly_feasible_m_max
 
-   !> An m_max at which, as at all below, there is none.
+   !> Order m_max up to which there is no solution.
    pure integer function certainly_infeasible_m_max(request) result(m_max)
       type(process_request), intent(in) :: request
       real(wp) :: shortest

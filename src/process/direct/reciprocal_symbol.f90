@@ -1,10 +1,9 @@
-!> Fourier coefficients of the reciprocal of a banded symbol g(t) = g_0 + 2 sum g_m cos(mt), m =
-!> 1..m_max.
+!> Fourier coefficients of 1/g for a banded symbol g(t) = g_0 + 2 sum g_m cos(mt), m = 1..m_max, and
+!> derivatives of the mean of ln g.
 !>
-!> In an infinite domain the inverse of the banded Toeplitz matrix with these entries is the
-!> Toeplitz matrix of these coefficients. They come from the spectral factor B of g, |B|^2 = g, as
-!> do the derivatives of the mean of ln g, which is 2 ln B_0: no sampling, however near the circle
-!> zeros of g lie.
+!> In an infinite domain these coefficients are the entries of the inverse of the banded Toeplitz
+!> matrix with the entries g_m. They follow from the spectral factor B of g, |B|^2 = g, and so does
+!> the mean of ln g, 2 ln B_0. Nothing is sampled, so zeros of g may lie near the circle.
 module process_direct_reciprocal_symbol
    use core_kinds, only: two_pi, wp
    use process_autoregressive_spectral_factor, only: change_of_factor, equivalent_process, &
@@ -13,25 +12,25 @@ module process_direct_reciprocal_symbol
    private
    public :: evaluate_symbol, symbol_evaluation, touching_multiplier
 
-   !> Values at a symbol g. Derivatives of the mean of ln g are taken along other symbols, their
+   !> Values at a symbol g, with the derivatives of the mean of ln g along other symbols, the
    !> directions.
    type :: symbol_evaluation
-      logical :: is_positive = .false.             !! g > 0; all else holds only then
+      logical :: is_positive = .false.             !! g > 0; else the rest is undefined
       real(wp) :: log_mean = 0.0_wp                !! mean of ln g over the circle
-      real(wp), allocatable :: reciprocal(:)       !! of 1/g, lags 0..m_max
-      real(wp), allocatable :: gradient(:)         !! (0:) of the mean of ln g
-      real(wp), allocatable :: curvature(:, :)     !! minus its second derivatives
-      real(wp), allocatable :: a(:)                !! B = [1, a]/b0: the next one is begun with it
+      real(wp), allocatable :: reciprocal(:)       !! coefficients of 1/g, lags 0..m_max
+      real(wp), allocatable :: gradient(:)         !! (0:) first derivatives
+      real(wp), allocatable :: curvature(:, :)     !! (0:, 0:) minus second derivatives
+      real(wp), allocatable :: a(:)                !! B = [1, a]/b0, the start for the next g
       real(wp) :: b0 = 0.0_wp
    end type symbol_evaluation
 
 contains
 
-   !> Evaluates g and its derivatives along symbols.
+   !> Evaluates 1/g, and the mean of ln g with its derivatives.
    pure subroutine evaluate_symbol(symbol, directions, evaluation)
       real(wp), intent(in) :: symbol(0:)           !! g_m, m = 0..m_max
-      real(wp), intent(in) :: directions(0:, 0:)   !! A_m, m = 0..m_max, of each
-      type(symbol_evaluation), intent(inout) :: evaluation   !! of a symbol near this one, or new
+      real(wp), intent(in) :: directions(0:, 0:)   !! (m, direction) m = 0..m_max
+      type(symbol_evaluation), intent(inout) :: evaluation   !! that of a near symbol, or new
       real(wp) :: reciprocal(0:2*ubound(symbol, 1))
       integer :: last, m_max
 
@@ -52,10 +51,10 @@ contains
       call differentiate([1.0_wp, evaluation%a]/evaluation%b0, reciprocal, directions, evaluation)
    end subroutine evaluate_symbol
 
-   !> Computes gradient and curvature from the changes of B along each direction: as exact as B.
+   !> Computes gradient and curvature by the changes of B along the directions.
    pure subroutine differentiate(factor, reciprocal, directions, evaluation)
       real(wp), intent(in) :: factor(0:)       !! B
-      real(wp), intent(in) :: reciprocal(0:)   !! to twice the order
+      real(wp), intent(in) :: reciprocal(0:)   !! coefficients of 1/g to lag 2 m_max
       real(wp), intent(in) :: directions(0:, 0:)
       type(symbol_evaluation), intent(inout) :: evaluation
       real(wp) :: change(0:ubound(factor, 1), 0:ubound(directions, 2))
@@ -70,7 +69,7 @@ contains
          associate (symbol => directions(:, j))
             change(:, j) = change_of_factor(factor, reciprocal, symbol)
             evaluation%gradient(j) = symbol(1)*reciprocal(0) + &   ! mean of symbol/g
-               2.0_wp*dot_product(symbol(2:), reciprocal(1:m_max))
+                                     2.0_wp*dot_product(symbol(2:), reciprocal(1:m_max))
          end associate
       end do
       evaluation%curvature(:, :) = 2.0_wp*matmul(transpose(change), matmul(toeplitz, change))
@@ -80,7 +79,7 @@ contains
       end do
    end subroutine differentiate
 
-   !> delta at which 1 + delta A(t) first touches zero; huge when A is nowhere negative.
+   !> Smallest delta at which 1 + delta A(t) is zero somewhere; huge if A is nowhere negative.
    pure function touching_multiplier(along) result(delta)
       real(wp), intent(in) :: along(0:)   !! symbol of A
       real(wp) :: delta
@@ -89,7 +88,7 @@ contains
       integer :: j, lag(ubound(along, 1)), m, n, step
 
       lag = [(m, m=1, size(lag))]
-      n = max(64, 8*size(lag))   ! points on the circle, of which the lowest is refined
+      n = max(64, 8*size(lag))   ! points on the circle; the lowest one is refined
       cosine = [(cos(two_pi*j/n), j=0, n - 1)]
       t = two_pi/n*(minloc([(dot_product(along(1:), cosine(1 + modulo(j*lag, n))), j=0, n/2)], 1) &
                     - 1)

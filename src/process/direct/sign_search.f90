@@ -1,13 +1,13 @@
-!> Which signs s_m make the entropy largest (Sec. 2.2).
+!> Search for the signs s_m of largest entropy (Sec. 2.2).
 !>
-!> Only lags with a_m < 0 have signs to be searched. Changing K(m) into (-1)^m K(m) changes neither
-!> entropy nor length, so the sign of the first odd one of them is held at +.
+!> Only the signs of lags with a_m < 0 are searched. (-1)^m K(m) has the entropy and the length of
+!> K(m), so the sign of the first odd one of these lags is +.
 !>
-!> Where a_m <= 0 for all m >= 1 (L0, and L1 <= 1) all plus is the best sequence, provably. With ln
-!> g = ln c + ln(1 - q/c), c = 1 + delta a_0, q = -delta sum a_m s_m cos(mt), the mean of q^k is a
-!> sum of products of signs with positive factors: no signs give more than all plus. So, power by
-!> power of the logarithm, no signs give a smaller mean of ln g at the delta of the all-plus
-!> solution, and by that mean their entropy is bounded.
+!> If a_m <= 0 for all m >= 1 (L0, and L1 <= 1), all signs + are proven to be best. With
+!> ln g = ln c + ln(1 - q/c), c = 1 + delta a_0 and q = -delta sum a_m s_m cos(mt), the mean of q^k
+!> is a sum of products of signs with positive factors, and largest for all +. So, by the series of
+!> the logarithm, the mean of ln g at the delta of the solution for all + is smallest for all +, and
+!> for other signs it bounds their entropy.
 module process_direct_sign_search
    use core_kinds, only: long, pi, wp
    use numerics_sorting, only: sort_order
@@ -20,18 +20,18 @@ module process_direct_sign_search
 
    !> Result of a search, or of a part of one.
    type :: search_result
-      integer(long) :: n_examined = 0     !! sequences
-      integer(long) :: n_consistent = 0   !! of them: solutions whose K(m) have the signs s_m
-      real(wp) :: seconds = 0.0_wp        !! of CPU time, where the caller keeps it
-      type(sequence_solution), allocatable :: solutions(:)   !! consistent, by descending entropy
+      integer(long) :: n_examined = 0     !! number of sequences
+      integer(long) :: n_consistent = 0   !! solutions whose K(m) have the signs s_m
+      real(wp) :: seconds = 0.0_wp        !! CPU time, if the caller measures it
+      type(sequence_solution), allocatable :: solutions(:)   !! consistent, best first
    end type search_result
 
-   integer, parameter, public :: max_listed = 100   !! solutions kept of a search
-   real(wp), parameter :: rounding = 1.0e-11_wp     !! of an entropy [nat]
+   integer, parameter, public :: max_listed = 100   !! solutions that are kept
+   real(wp), parameter :: rounding = 1.0e-11_wp     !! rounding of an entropy [nat]
 
 contains
 
-   !> Sequences that differ by more than the mirror.
+   !> Number of sequences, without mirror images.
    pure function count_sequences(constraint) result(n)
       type(length_constraint), intent(in) :: constraint
       integer(long) :: n
@@ -39,7 +39,7 @@ contains
       n = shiftl(1_long, min(size(searched_positions(constraint)), 62))
    end function count_sequences
 
-   !> True if all plus has the largest entropy, by theory.
+   !> True if all signs + are proven to have the largest entropy.
    pure function is_all_plus_best(constraint) result(is_best)
       type(length_constraint), intent(in) :: constraint
       logical :: is_best
@@ -47,40 +47,40 @@ contains
       is_best = size(constraint%penalized) == 0
    end function is_all_plus_best
 
-   !> Adds part `part` of `n_parts` of all sequences to a search, the same in whatever order that is
-   !> done; the parts differ in the leading signs.
+   !> Adds a part of all sequences to a search. The result does not depend on the order of the
+   !> parts, which differ in the leading signs.
    subroutine search_all_signs(constraint, part, n_parts, search)
       type(length_constraint), intent(in) :: constraint
       integer, intent(in) :: part, n_parts   !! part = 1..n_parts
-      type(search_result), intent(inout) :: search   !! at first as it is declared
-      type(sequence_solution), allocatable :: found(:)
+      type(search_result), intent(inout) :: search   !! new or with other parts
+      type(sequence_solution), allocatable :: solutions(:)
       type(sequence_solution) :: solution
-      integer(long) :: first, index, longer, n
+      integer(long) :: first, index, n_longer, n
 
       n = count_sequences(constraint)
-      call move_alloc(search%solutions, found)
-      if (.not. allocated(found)) allocate (found(0))
-      longer = modulo(n, int(n_parts, long))   ! parts that have one sequence more
-      first = n/n_parts*(part - 1) + min(int(part - 1, long), longer)
-      do index = first, first + n/n_parts - merge(0, 1, part <= longer)
+      call move_alloc(search%solutions, solutions)
+      if (.not. allocated(solutions)) allocate (solutions(0))
+      n_longer = modulo(n, int(n_parts, long))   ! parts with one sequence more
+      first = n/n_parts*(part - 1) + min(int(part - 1, long), n_longer)
+      do index = first, first + n/n_parts - merge(0, 1, part <= n_longer)
          call solve_sequence(constraint, sequence_signs(constraint, index), solution)
          search%n_examined = search%n_examined + 1
          if (.not. (solution%is_feasible .and. solution%is_consistent)) cycle
          search%n_consistent = search%n_consistent + 1
          solution%number = index
-         found = [found, solution]
-         if (size(found) >= 2*max_listed) call sort_and_cut(found)
+         solutions = [solutions, solution]
+         if (size(solutions) >= 2*max_listed) call sort_and_cut(solutions)
       end do
-      call sort_and_cut(found)
-      call move_alloc(found, search%solutions)
+      call sort_and_cut(solutions)
+      call move_alloc(solutions, search%solutions)
    end subroutine search_all_signs
 
-   !> Restores a search from the sums of its parts and the numbers of their few solutions, which are
-   !> solved once more: the same bits.
+   !> Restores a search from the sums of its parts and the numbers of their solutions, which are
+   !> solved once more, with the same bits.
    subroutine restore_search(constraint, sums, numbers, search)
       type(length_constraint), intent(in) :: constraint
       real(wp), intent(in) :: sums(3)      !! examined, consistent, seconds; exact up to 2**53
-      real(wp), intent(in) :: numbers(:)   !! of the sequences
+      real(wp), intent(in) :: numbers(:)   !! numbers of the sequences
       type(search_result), intent(out) :: search
       integer :: i
 
@@ -97,23 +97,23 @@ contains
       call sort_and_cut(search%solutions)
    end subroutine restore_search
 
-   !> Searches a few sequences that are likely to win: improves each until it is consistent, then
-   !> turns signs of the best one by one and, where they are few, pair by pair.
+   !> Searches a few likely sequences: changes each until it is consistent, then flips the signs of
+   !> the best one, singly and, if they are few, in pairs.
    !>
-   !> All plus wins where m_max is large beside L1. Nearer to the limit the winners are sequences
-   !> whose sum of cosines is flat: quadratic phases, and all plus with the last sign turned. Above
-   !> `very_many` signs only the starts that have won there are tried.
+   !> All + is best if m_max is much larger than L1. Nearer to the limit the best sequences have a
+   !> flat sum of cosines: quadratic phases, and all + but the last sign. For more than
+   !> `very_many_signs` signs fewer starts are tried.
    subroutine search_structured(constraint, best)
       type(length_constraint), intent(in) :: constraint
-      type(sequence_solution), intent(out) :: best   !! not feasible: none was found
-      integer, parameter :: few = 16, many = 48, very_many = 200
+      type(sequence_solution), intent(out) :: best   !! not feasible if none was found
+      integer, parameter :: few_signs = 16, many_signs = 48, very_many_signs = 200
       type(sequence_solution) :: solution
       integer :: signs(size(constraint%rewarded)), i, k, n, n_rates, max_passes
       logical :: is_large
 
       n = size(constraint%rewarded)
       if (n == 0) return
-      is_large = n > very_many
+      is_large = n > very_many_signs
       max_passes = merge(2, 50, is_large)
       n_rates = merge(4, 12, is_large)
       signs = 1
@@ -125,19 +125,19 @@ contains
          signs = [(merge(1, -1, cos(3.0_wp*i/n_rates*pi*real(k, wp)**2/n) >= 0.0_wp), k=0, n - 1)]
          if (i == 0) signs(n) = -1
          call make_consistent(constraint, signs, max_passes, solution)
-         call take_better(solution, best)
+         call keep_better(solution, best)
          if (is_large) cycle
          call make_consistent(constraint, -signs, max_passes, solution)
-         call take_better(solution, best)
+         call keep_better(solution, best)
       end do
-      if (best%is_feasible .and. n <= many) call turn_signs(constraint, n <= few, best)
+      if (best%is_feasible .and. n <= many_signs) call flip_signs(constraint, n <= few_signs, best)
    end subroutine search_structured
 
-   !> Bounds the entropy of every sequence by that of all plus without the penalized lags, by the
-   !> argument above.
+   !> Computes an upper bound of the entropy of all sequences: that of all + without the penalized
+   !> lags, by the argument above.
    subroutine limit_of_entropy(constraint, entropy)
       type(length_constraint), intent(in) :: constraint
-      real(wp), intent(out) :: entropy   !! minus huge: no sequence has a solution
+      real(wp), intent(out) :: entropy   !! -huge if no sequence has a solution
       type(length_constraint) :: relaxed
       type(sequence_solution) :: solution
       integer :: i
@@ -147,11 +147,11 @@ contains
       entropy = merge(solution%entropy, -huge(1.0_wp), solution%is_feasible)
    end subroutine limit_of_entropy
 
-   !> Takes over the signs of K(m) until they stay. That only raises the entropy: with the new signs
-   !> the old solution has more than the wanted length.
+   !> Replaces the signs by those of K(m) until they are the same, which raises the entropy each
+   !> time: with the new signs the old solution has more than the imposed length.
    subroutine make_consistent(constraint, signs, max_passes, solution)
       type(length_constraint), intent(in) :: constraint
-      integer, intent(in) :: signs(:)   !! start
+      integer, intent(in) :: signs(:)   !! first signs
       integer, intent(in) :: max_passes
       type(sequence_solution), intent(out) :: solution
       integer :: now(size(signs)), pass
@@ -166,8 +166,8 @@ contains
       solution%is_feasible = solution%is_consistent
    end subroutine make_consistent
 
-   !> Turns single signs, and pairs of them if asked for, as long as the best entropy grows.
-   subroutine turn_signs(constraint, in_pairs, best)
+   !> Flips single signs, or pairs of them too, as long as the best entropy grows.
+   subroutine flip_signs(constraint, in_pairs, best)
       type(length_constraint), intent(in) :: constraint
       logical, intent(in) :: in_pairs
       type(sequence_solution), intent(inout) :: best
@@ -184,25 +184,24 @@ contains
                signs(i) = -signs(i)
                if (j > i) signs(j) = -signs(j)
                call make_consistent(constraint, signs, max_passes, solution)
-               call take_better(solution, best)
+               call keep_better(solution, best)
             end do
          end do
          if (.not. best%entropy > before) exit
       end do
-   end subroutine turn_signs
+   end subroutine flip_signs
 
-   pure subroutine take_better(solution, best)
-      type(sequence_solution), intent(in) :: solution
+   !> Replaces the best consistent solution by a better one.
+   pure subroutine keep_better(solution, best)
+      type(sequence_solution), intent(in) :: solution   !! of make_consistent
       type(sequence_solution), intent(inout) :: best
 
-      if (.not. (solution%is_feasible .and. solution%is_consistent)) return
-      if (best%is_feasible .and. best%is_consistent) then
-         if (.not. solution%entropy > best%entropy + rounding) return
-      end if
+      if (.not. solution%is_feasible) return
+      if (best%is_feasible .and. .not. solution%entropy > best%entropy + rounding) return
       best = solution
-   end subroutine take_better
+   end subroutine keep_better
 
-   !> Positions among the rewarded lags whose sign is not fixed by the mirror.
+   !> Positions, among the rewarded lags, of the signs that are searched.
    pure function searched_positions(constraint) result(positions)
       type(length_constraint), intent(in) :: constraint
       integer, allocatable :: positions(:)
@@ -213,8 +212,8 @@ contains
       positions = pack(positions, positions /= first_odd)
    end function searched_positions
 
-   !> Sequence number `index`, 0..count_sequences - 1; 0 is all plus, and the leading signs change
-   !> last.
+   !> Signs of sequence number `index`, 0..count_sequences - 1. Number 0 is all +; the leading signs
+   !> are the highest bits.
    pure function sequence_signs(constraint, index) result(signs)
       type(length_constraint), intent(in) :: constraint
       integer(long), intent(in) :: index
@@ -229,8 +228,8 @@ contains
       end do
    end function sequence_signs
 
-   !> Sorts by descending entropy, those that are equal to rounding by their numbers, and keeps the
-   !> best `max_listed`.
+   !> Sorts solutions by descending entropy, equal ones by their numbers, and keeps the best
+   !> `max_listed`.
    pure subroutine sort_and_cut(solutions)
       type(sequence_solution), allocatable, intent(inout) :: solutions(:)
       integer, allocatable :: order(:)
