@@ -28,9 +28,9 @@ module io_lock
    integer(c_long), parameter :: whole_file = 0, one_byte = 1   !! lengths of lockf(3)
    !> Number of bytes that show the presence of runs; the bytes of blocks follow them.
    integer(c_long), parameter :: n_presence_bytes = 2_c_long**20
-   !> Words (8 bytes) of struct stat: device and inode; also size and time of the last change.
-   integer, parameter :: inode_words(*) = [1, 2], stamp_words(*) = [1, 2, 7, 12, 13]
-   integer, parameter :: n_stat_words = 64   !! words of a buffer for struct stat, which has 18
+   integer, parameter :: n_stat_words = 64   !! words (8 bytes) of a buffer for struct stat: 18
+   !> Words of struct stat: device, inode, size and time of the last change.
+   integer, parameter :: stamp_words(*) = [1, 2, 7, 12, 13]
 
    !> Lock of a run, held from `take_lock` to `release` or to the end of the process.
    type :: lock_type
@@ -343,12 +343,11 @@ contains
    function is_same_file(lock)
       type(lock_type), intent(in) :: lock
       logical :: is_same_file
-      integer(c_long) :: opened(n_stat_words), named(n_stat_words)
+      integer(c_long) :: opened(n_stat_words), stamp(size(stamp_words))
 
-      is_same_file = .false.
-      if (c_fstat(c_fileno(lock%stream), opened) /= 0) return
-      if (c_stat(lock%path//c_null_char, named) /= 0) return
-      is_same_file = all(opened(inode_words) == named(inode_words))
+      stamp = stamp_of(lock%path)
+      is_same_file = c_fstat(c_fileno(lock%stream), opened) == 0
+      if (is_same_file) is_same_file = all(opened(stamp_words(:2)) == stamp(:2))
    end function is_same_file
 
    !> Device, inode, size and time of a file, which show that it is unchanged; zeros: no file.

@@ -5,7 +5,7 @@ module io_campaign
    use campaign_plan, only: add_audits, plan_type
    use campaign_results, only: block_result, case_estimates, case_statistics, spectrum_layout
    use core_error, only: error_type
-   use core_kinds, only: long, wp
+   use core_kinds, only: wp
    use core_text, only: to_text
    use io_blocks, only: put_block
    use io_case_statistics, only: write_audit, write_estimates
