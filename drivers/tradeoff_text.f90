@@ -125,14 +125,14 @@ contains
          if (points > 0.0_wp) wanted = 'slip to '//brief(points)//' points'
          if (points > 0.0_wp .and. ratio > 0.0_wp) wanted = wanted//', '
          if (ratio > 0.0_wp) wanted = wanted//'band ratios to '//brief(100*ratio)//' %'
-         if (.not. any(meets_targets(rows, points, ratio))) then
-            line = labelled('cheapest', wanted//': no setting that was measured')
-            return
-         end if
          best = minloc(rows%cost, 1, mask=meets_targets(rows, points, ratio))
-         line = labelled('cheapest', wanted//': '// &
-                         setting_text(rows(best)%setting, plan%integration%dt)//' ('// &
-                         run_time(plan, rows(best), n_ranks)//')')
+         if (best == 0) then
+            line = labelled('cheapest', wanted//': no setting that was measured')
+         else
+            line = labelled('cheapest', wanted//': '// &
+                            setting_text(rows(best)%setting, plan%integration%dt)//' ('// &
+                            run_time(plan, rows(best), n_ranks)//')')
+         end if
       end function answer
 
    end function wanted_text
@@ -192,15 +192,12 @@ contains
 
       pure function halved() result(words)
          character(:), allocatable :: words
+         integer :: best
 
-         if (.not. any(meets_targets(rows, 0.5_wp*parts(1), 0.0_wp))) then
-            words = 'no setting that was measured'
-            return
-         end if
-         associate (best => minloc(rows%cost, 1, mask=meets_targets(rows, 0.5_wp*parts(1), 0.0_wp)))
-            words = setting_text(rows(best)%setting, plan%integration%dt)//', '// &
-                    run_time(plan, rows(best), n_ranks)//' instead of '//now
-         end associate
+         best = minloc(rows%cost, 1, mask=meets_targets(rows, 0.5_wp*parts(1), 0.0_wp))
+         words = 'no setting that was measured'
+         if (best > 0) words = setting_text(rows(best)%setting, plan%integration%dt)//', '// &
+                               run_time(plan, rows(best), n_ranks)//' instead of '//now
       end function halved
 
       pure function as_long(times) result(words)

@@ -143,10 +143,10 @@ contains
          call world%stop_on(error)
          if (is_stopped) call stop_world(exit_stopped)
          rows = setting_rows_of(measured)
-         if (.not. any(meets_targets(rows, points, ratio))) &
+         chosen = minloc(rows%work, 1, mask=meets_targets(rows, points, ratio))
+         if (chosen == 0) &
             call refuse(points, ratio, rows(nearest_to_targets(rows, points, ratio)), plan, error)
          call world%stop_on(error)
-         chosen = minloc(rows%work, 1, mask=meets_targets(rows, points, ratio))
       end associate
       call use_setting(rows(chosen)%setting, scene%integration)
       call use_setting(rows(chosen)%setting, plan%integration)

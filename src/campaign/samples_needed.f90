@@ -89,7 +89,7 @@ contains
 
       own = shared
       own%has_own_records = .true.
-      own%record = 0.0_wp*shared%record
+      own%record = 0.0_wp
       associate (record_part => shared%own/sqrt(real(shared%n_samples, wp)))
          own%samples = hypot(shared%samples, record_part)
          own%ratio = hypot(shared%samples*shared%ratio, record_part)/max(own%samples, tiny(1.0_wp))

@@ -75,11 +75,11 @@ contains
                                                   tradeoff%transitions(k)), k=1, size(share))])
       end do
       do i = 1, size(tradeoff%tasks)
-         associate (task => tradeoff%tasks(i))
-            if (task%kind /= setting_task) cycle
-            rows(task%row)%cost = rows(task%row)%cost + share(task%level)*tradeoff%results(i)%cost
-            rows(task%row)%error = max(rows(task%row)%error, tradeoff%results(i)%errors(:, 1))
-            rows(task%row)%surely = max(rows(task%row)%surely, tradeoff%results(i)%errors(:, 2))
+         if (tradeoff%tasks(i)%kind /= setting_task) cycle
+         associate (row => rows(tradeoff%tasks(i)%row), result => tradeoff%results(i))
+            row%cost = row%cost + share(tradeoff%tasks(i)%level)*result%cost
+            row%error = max(row%error, result%errors(:, 1))
+            row%surely = max(row%surely, result%errors(:, 2))
          end associate
       end do
       do i = 1, n
@@ -192,15 +192,15 @@ contains
                error%ratio = [error%ratio, now*ratio*sqrt(w/n)]   ! plain sampling's error
             end associate
          end do
+         error%record = spread(errors%time(slip), 1, size(error%samples))
+         error%own = error%record
          if (error%has_own_records) then
-            error%samples = hypot(error%samples, errors%time(slip))
-            error%ratio = hypot(error%ratio, errors%time(slip))
+            error%samples = hypot(error%samples, error%record)
+            error%ratio = hypot(error%ratio, error%record)
+            error%own = sqrt(n)*error%record
+            error%record = 0.0_wp
          end if
          error%ratio = max(1.0_wp, error%ratio/max(error%samples, tiny(1.0_wp)))
-         error%record = 0.0_wp*error%samples
-         if (.not. error%has_own_records) error%record = error%record + errors%time(slip)
-         error%own = 0.0_wp*error%samples + errors%time(slip) &
-                     *merge(sqrt(n), 1.0_wp, error%has_own_records)
       end associate
    end function slip_error_to_come
 

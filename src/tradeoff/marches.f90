@@ -50,14 +50,15 @@ contains
          case (samples_task)
             call find_plain_statistics(plan, result, statistics)
             found%plain_error = plain_errors(plan, statistics)
-            found%gain = 0.0_wp*found%plain_error + 1.0_wp   ! of plain sampling
+            allocate (found%gain, mold=found%plain_error)
+            found%gain = 1.0_wp   ! of plain sampling
             associate (case_number => tradeoff%cases(task%row), scope => tradeoff%scope)
                if (tradeoff%n_cases(case_number) > 0) &
                   call find_gains(plan, scope%models(plan%cases(case_number)%process), &
                                   level%friction, result, statistics, scope%has_settings, &
                                   found%gain, error)
             end associate
-         case default
+         case (variant_task)
             found%slip_fraction = result%slip_fraction
             if (plan%output%spectrum) &
                found%ratio_without = ratio_replicates(result%psd, plan%output%percentiles)

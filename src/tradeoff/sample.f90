@@ -40,10 +40,9 @@ contains
       type(plan_type), intent(in) :: plan
       type(level_type), allocatable, intent(out) :: levels(:)
       real(wp), allocatable :: strengths(:)
-      integer, allocatable :: cases(:), n_samples(:)
-      integer :: i, k, n, width
+      integer, allocatable :: cases(:)
+      integer :: i, k, n
 
-      n_samples = plan%cases%n_samples
       allocate (strengths(0))
       do i = 1, size(plan%cases)
          associate (strength => plan%cases(i)%strength)
@@ -57,24 +56,25 @@ contains
          levels(k)%strength = strengths(1 + nint((k - 1.0_wp)*(size(strengths) - 1)/max(1, n - 1)))
          cases = pack([(i, i=1, size(plan%cases))], &
                       abs(plan%cases%strength - levels(k)%strength) <= 0.0_wp)
-         levels(k)%n_all = sum(n_samples(cases))
-         width = min(block_width(plan), maxval(n_samples(cases)))
-         call fill_block(n_samples, cases, width, levels(k))
+         levels(k)%n_all = sum(plan%cases(cases)%n_samples)
+         call fill_block(plan, cases, levels(k))
       end do
    end subroutine choose_levels
 
-   !> Fills a block with samples 1 of the cases in turn, then samples 2, ...
-   pure subroutine fill_block(n_samples, cases, width, level)
-      integer, intent(in) :: n_samples(:)   !! (case)
-      integer, intent(in) :: cases(:), width
+   !> Fills a block with samples 1 of the cases in turn, then samples 2, ... The block is not wider
+   !> than the largest case.
+   pure subroutine fill_block(plan, cases, level)
+      type(plan_type), intent(in) :: plan
+      integer, intent(in) :: cases(:)   !! case numbers
       type(level_type), intent(inout) :: level
-      integer :: i, sample
+      integer :: i, most, sample
 
       allocate (level%case_number(0), level%sample(0))
-      do sample = 1, maxval(n_samples(cases))
+      most = maxval(plan%cases(cases)%n_samples)
+      do sample = 1, most
          do i = 1, size(cases)
-            if (size(level%sample) == width) return
-            if (sample > n_samples(cases(i))) cycle
+            if (size(level%sample) == min(block_width(plan), most)) return
+            if (sample > plan%cases(cases(i))%n_samples) cycle
             level%case_number = [level%case_number, cases(i)]
             level%sample = [level%sample, sample]
          end do
@@ -90,26 +90,26 @@ contains
       type(level_type), intent(inout) :: level
       type(error_type), allocatable, intent(out) :: error
       type(process_model_type), intent(in), optional :: models(:)   !! (process)
-      real(wp), allocatable :: force(:, :), friction(:, :)
-      integer :: w
+      real(wp), allocatable :: force(:, :)
+      integer :: i, n
 
-      allocate (level%friction(plan%structure%n_joints, size(level%sample)))
-      do w = 1, size(level%sample)
-         associate (c => level%case_number(w), sample => level%sample(w))
-            if (present(models)) then
-               call draw_friction(plan, models, [block_range(c, sample, sample)], friction)
-               level%friction(:, w) = friction(:, 1)
-            else
-               level%friction(:, w) = substitute_friction(plan, c, sample)
-            end if
-         end associate
-      end do
-      w = merge(size(level%sample), 1, plan%excitation%per_sample)*plan%structure%n_forces
-      allocate (force(0:plan%integration%n_steps, w))
+      associate (cases => level%case_number, samples => level%sample)
+         n = size(samples)
+         if (present(models)) then
+            call draw_friction(plan, models, &
+                               [(block_range(cases(i), samples(i), samples(i)), i=1, n)], &
+                               level%friction)
+         else
+            allocate (level%friction(plan%structure%n_joints, n))
+            do i = 1, n
+               level%friction(:, i) = substitute_friction(plan, cases(i), samples(i))
+            end do
+         end if
+      end associate
+      n = merge(n, 1, plan%excitation%per_sample)*plan%structure%n_forces
+      allocate (force(0:plan%integration%n_steps, n))
       call runner%force_of(level%case_number(1), 1, force, error)
-      if (allocated(error)) return
-      allocate (level%force(0:n_steps, w))
-      level%force(:, :) = force(:n_steps, :)
+      if (.not. allocated(error)) allocate (level%force(0:n_steps, n), source=force(:n_steps, :))
    end subroutine draw_level
 
    !> Independent friction values |mean + std z|, z normal, with the mean and standard deviation of
