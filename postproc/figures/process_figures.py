@@ -84,7 +84,7 @@ def plot_achieved_lengths(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     for curve, look, label in _by_length(processes):
         other = "L1" if curve[0].attrs["correlation"] == "L0" else "L0"
         axes.semilogy([order_of(p) for p in curve], [float(p[other]) for p in curve],
-                      label=f"{_symbol(other)} at {label}", **look)  # fmt: skip
+                      label=f"{style.with_symbols(other)} at {label}", **look)  # fmt: skip
     _frame_orders(axes)
     axes.set_ylabel("correlation length achieved [lag]")
     axes.legend(ncols=2, loc="upper left")
@@ -97,7 +97,10 @@ def plot_chosen_orders(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     lengths = [length_of(process) for process in processes]
     for process in processes:
         curve = process["autocovariance"].isel(lag=slice(0, LONGEST_LAG + 1))
-        bounds = "".join(f", {_bound(process, other)}" for other in _bounded(process))
+        bounds = "".join(
+            f", {_bound(process, name)}" for name in ("l0", "l1")
+            if process.attrs.get(f"bound_{name}", 0.0) > 0.0
+        )  # fmt: skip
         order = "$m_{max}$" if process.attrs["method"] == "direct" else "order"
         label = f"{_imposed(process)}{bounds}: {order} {order_of(process)}"
         look = style.of_length(length_of(process), lengths)
@@ -202,23 +205,15 @@ def _by_length(
     return curves
 
 
-def _symbol(definition: str) -> str:
-    return f"${definition[0]}_{definition[1]}$"
-
-
 def _imposed(process: xr.Dataset) -> str:
-    return f"{_symbol(str(process.attrs['correlation']))} = {length_of(process):g}"
-
-
-def _bounded(process: xr.Dataset) -> list[str]:
-    """Which lengths the scene bounds."""
-    return [name for name in ("l0", "l1") if float(process.attrs.get(f"bound_{name}", 0.0)) > 0.0]
+    return style.with_symbols(imposed_lengths(process.attrs))
 
 
 def _bound(process: xr.Dataset, name: str) -> str:
     side = str(process.attrs.get("bound_side", "automatic"))
     is_lower = side == "lower" or (side == "automatic" and name == "l0")
-    length, bound = _symbol(name.upper()), f"{float(process.attrs[f'bound_{name}']):g}"
+    length = style.with_symbols(name.upper())
+    bound = f"{float(process.attrs[f'bound_{name}']):g}"
     if "upper_bound" in process.attrs:
         return f"{bound} ≤ {length} ≤ {float(process.attrs['upper_bound']):g}"
     return f"{length} {'≥' if is_lower else '≤'} {bound}"

@@ -127,8 +127,8 @@ def _beside_free(
 ) -> Figure:
     """Fig. 6 of one method, length and order."""
     largest = "; ".join(
-        f"{_largest(difference_from_free(p, free)):.2g} at {scale_name(p, [*positive, *refused])}"
-        f" ({p.attrs['sampler']})"
+        f"{float(abs(difference_from_free(p, free)['value']).max()):.2g}"
+        f" at {scale_name(p, [*positive, *refused])} ({p.attrs['sampler']})"
         for p in positive
     )
     missing = "".join(
@@ -188,10 +188,6 @@ def _shape_of_covariances(panel: list[xr.Dataset]) -> str:
 
 def _how_many(count: int, most: int) -> str:
     return "all that were solved" if count <= most else f"{most} of the {count} that were solved"
-
-
-def _largest(difference: xr.Dataset) -> float:
-    return float(abs(difference["value"]).max())
 
 
 def _length_panels(processes: list[xr.Dataset]) -> Iterator[tuple[str, str, list[xr.Dataset]]]:
