@@ -23,7 +23,7 @@ from .paper.numbers import table_correlations, table_numbers
 from .paper.printed import AXES
 from .paper.statements import assess
 from .report import write_report
-from .results import Results, find_damage, open_results, told_apart
+from .results import Results, find_damage, open_results, with_own_names
 from .tables import make_tables, table_statements
 
 
@@ -37,7 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
         parser = _comparison_parser() if is_comparison else _parser()
         options = parser.parse_args(words[1:] if is_comparison else words)
         apply_style(*options.style)
-        files = told_apart([open_results(path) for path in options.results])
+        files = with_own_names([open_results(path) for path in options.results])
         try:
             say(_compare(files, options.out) if is_comparison else _draw(files, options))
         except OSError:

@@ -1,7 +1,7 @@
 """The same bits: two results files of one scene agree in all that the scene decides.
 
-Number of ranks, threads, members that share a run and interruptions must not matter. What tells of
-the run itself may differ: when it ended, its ranks, the times it took.
+Ranks, threads, members that share a run, and interruptions must not matter. Facts about the run
+itself may differ: when it ended, its ranks, the times it took.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _REFERENCES = ("DIMENSION_LIST", "REFERENCE_LIST")  # addresses within the file
 
 
 def is_of_the_run(attribute: str) -> bool:
-    """True if an attribute tells of the run and not of the scene."""
+    """True if an attribute is about the run and not about the scene."""
     return attribute in _OF_THE_RUN or attribute.endswith(_TIME)
 
 

@@ -51,7 +51,7 @@ class Change:
     before: Values
     after: Values
     change: Values
-    error: Values  # not a number where a single sample says none
+    error: Values  # not a number for a single sample
     error_apart: Values  # of the change, if the samples were not the same
 
 
@@ -285,7 +285,7 @@ def change_figures(pairs: Sequence[Pair]) -> list[Figure]:
 
 
 def most_changed(pairs: Sequence[Pair]) -> list[Pair]:
-    """As many as can be drawn: those whose mean time in slip changes most."""
+    """The pairs whose mean time in slip changes most, as many as can be drawn."""
     largest = []
     for pair in pairs:
         slip = pair.samples("slip_fraction")

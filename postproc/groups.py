@@ -1,7 +1,7 @@
 """Groups of a results file as datasets of xarray, whose arrays are read where they are used.
 
-xarray's own reader (h5netcdf) names the axes of a dataset by searching the file for each of them:
-a second for a case where there are some hundred. Here they are told by their addresses.
+xarray's own reader (h5netcdf) searches the file for each axis of a dataset: a second for a case
+among some hundred. Here axes are found by their addresses.
 """
 
 from __future__ import annotations

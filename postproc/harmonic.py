@@ -119,8 +119,8 @@ def linear_receptance(
 def equivalent(results: Results, sweep: Sweep, mode: int | None = None) -> Equivalent:
     """The linear mode that each sample of a sweep is alike at its resonance.
 
-    The resonance is the one of the largest amplitude of the forced point. Its stiffness is told
-    over that of `mode` (from 1), or else of the stuck mode whose shape is nearest.
+    The resonance is the one of the largest amplitude of the forced point. Its stiffness is
+    divided by that of `mode` (from 1), or else of the stuck mode whose shape is nearest.
     """
     structure = _structure(results)
     mass = matrix(structure, "mass")
@@ -175,7 +175,7 @@ def _stuck(structure: xr.Dataset) -> NDArray[np.float64]:
 
 
 def _resonance(forced: NDArray[np.complex128]) -> tuple[int, NDArray[np.float64]] | None:
-    """Where the phase falls through -90 degrees: between frequencies i and i + 1, with weights."""
+    """Place i where the phase falls through -90 degrees, and weights of frequencies i and i + 1."""
     spring = np.real(1 / forced)  # stiffness less inertia, as the forced point feels them
     crossings = np.flatnonzero((spring[:-1] > 0) & (spring[1:] <= 0))
     if not crossings.size:

@@ -41,7 +41,7 @@ class OfJoints:
         return scale * mean, scale * case.data[f"{self.dataset}_mean_error"].values
 
     def errors(self, cases: Sequence[Case]) -> str:
-        """Parts of the errors of these cases: short marches do not tell their time average."""
+        """Parts of the errors of these cases; short marches have no time-average error."""
         if self.name != "slip":
             return "Monte Carlo"
         if all(case.has("slip_mean_time_error") for case in cases):
@@ -58,7 +58,7 @@ QUANTITIES = (
 
 
 def slip_mean_error(case: Case) -> Values:
-    """Standard error of the mean time in slip: Monte Carlo, and time average where it is told."""
+    """Standard error of the mean time in slip: Monte Carlo, and time average where it is known."""
     error = case.data["slip_mean_error"].values
     if case.has("slip_mean_time_error"):
         error = np.hypot(error, case.data["slip_mean_time_error"].values)

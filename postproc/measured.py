@@ -23,7 +23,7 @@ FEWEST_COPIES = 40  # of the measurement, among the realizations: the least whos
 _BLANK = str.maketrans(",;", "  ")
 _LAGS = 8  # as `entroslip estimate` tests
 _INNER = (0.025, 0.5, 0.975)
-_MOST_RECORDS = 8  # told apart
+_MOST_RECORDS = 8  # drawn
 
 
 def read_measured(path: Path) -> Records:
@@ -40,7 +40,7 @@ def read_measured(path: Path) -> Records:
 
 
 def measured_figure(records: Records, results: Results) -> Figure:
-    """Values, correlation and distribution; shaded: 95 % of realizations of the same points."""
+    """Values, correlation and distribution; shaded: 95 % of realizations at the same points."""
     solved = [p for p in results.processes.values() if p.attrs["status"] == "solved"]
     if len(solved) != 1:
         raise InputError(f"{results.path}: --measured wants one solved process, not {len(solved)}")

@@ -1,4 +1,4 @@
-"""One self-contained page: what the paper says and what was found, tables, figures, the scenes."""
+"""One self-contained page: results or the paper's statements, tables, figures, the scenes."""
 
 from __future__ import annotations
 
@@ -235,8 +235,8 @@ def _figure(figure: Figure, png: Path, statements: Sequence[Statement]) -> str:
 
 def _scenes(files: Sequence[Results]) -> str:
     """Each scene once, whatever was done with it."""
-    told = {str(results.attrs.get("scene", "")): results for results in reversed(files)}
-    return "".join(_scene(results) for results in files if results in told.values())
+    first = {str(results.attrs.get("scene", "")): results for results in reversed(files)}
+    return "".join(_scene(results) for results in files if results in first.values())
 
 
 def _scene(results: Results) -> str:

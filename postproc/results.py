@@ -49,12 +49,12 @@ class Case:
 
     @property
     def is_deterministic(self) -> bool:
-        """Friction as given, one sample."""
+        """True if the friction is given, in one sample."""
         return self.process == "none"
 
     @property
     def variance(self) -> float:
-        """Variance of noise in a band; else 0."""
+        """Variance of noise in a band [N^2]; else 0."""
         return float(self.data.attrs.get("variance", 0.0))
 
     @property
@@ -69,13 +69,13 @@ class Case:
 
     @property
     def strength(self) -> float:
-        """By which levels of the force are told apart: a variance, an amplitude or a factor."""
+        """Level of the force as a number: an amplitude, a factor or a variance."""
         names = ("amplitude", "factor", "variance")
         return next((float(self.data.attrs[n]) for n in names if n in self.data.attrs), 0.0)
 
     @property
     def level(self) -> str:
-        """The level of the force in words."""
+        """Level of the force in words."""
         if self.is_sine:
             return f"{self.strength:g} {'m/s²' if self.is_base else 'N'}"
         if "factor" in self.data.attrs:
@@ -84,12 +84,12 @@ class Case:
 
     @property
     def force(self) -> str:
-        """The force in words: its level, of a sine its frequency too."""
+        """Force in words: its level, and the frequency of a sine."""
         return f"{self.level} at {self.frequency:g} Hz" if self.is_sine else self.level
 
     @property
     def given_friction(self) -> str:
-        """Friction coefficients of a deterministic case, and where the scene has them."""
+        """Friction coefficients of a deterministic case, and their place in the scene."""
         values = self.data["friction"].values
         some = f"{values.min():g}"
         if values.max() > values.min():
@@ -103,23 +103,23 @@ class Case:
 
     @property
     def law(self) -> str:
-        """Law of the friction coefficients, or what that is compared with."""
+        """Law of the friction coefficients."""
         return str(self.asked.get("law", MAXIMUM_ENTROPY))
 
     @property
     def lengths(self) -> str:
-        """The correlation lengths imposed, with their names: of Eq. 8 where the file tells none."""
-        told = {"correlation": "L0", "correlation_length": self.correlation_length}
-        return imposed_lengths(told | dict(self.asked))
+        """Imposed correlation lengths with their names; L0 if the file has none."""
+        default = {"correlation": "L0", "correlation_length": self.correlation_length}
+        return imposed_lengths(default | dict(self.asked))
 
     @property
     def correlation_length(self) -> float:
-        """Imposed on the friction coefficients, in lags."""
+        """Imposed correlation length of the friction coefficients [lags]."""
         return float(self.data.attrs.get("correlation_length", 0.0))
 
     @property
     def friction(self) -> str:
-        """The law of the friction in words."""
+        """Law of the friction in words."""
         if self.is_deterministic:
             return "deterministic friction"
         if self.law == MAXIMUM_ENTROPY:
@@ -128,7 +128,7 @@ class Case:
 
     @property
     def label(self) -> str:
-        """Friction and force, as tables and figures name the case."""
+        """Friction and force in words: the name of the case in tables and figures."""
         return f"{self.friction}, {self.force}"
 
     @property
@@ -158,7 +158,7 @@ class Case:
 
     @property
     def plain(self) -> xr.Dataset | None:
-        """Statistics by plain sampling, where the file's best estimates are others."""
+        """Statistics by plain sampling; None if the best estimates are plain themselves."""
         source = self.data.encoding.get("source")
         if source is None:  # nothing was read
             return None
@@ -292,8 +292,8 @@ def open_results(path: str | Path) -> Results:
         raise ResultsError(f"{path}: cannot be read as HDF5: {words}") from error
 
 
-def told_apart(files: Sequence[Results]) -> list[Results]:
-    """The files; those of one name get their folders' before it, or else a number behind it."""
+def with_own_names(files: Sequence[Results]) -> list[Results]:
+    """The files; those of one name get their folder before it, or else a number behind it."""
     stems = [file.stem for file in files]
     folders = [f"{readable(file.path.resolve().parent.name)}_{file.stem}" for file in files]
     for longer in (folders, [f"{folder}_{i}" for i, folder in enumerate(folders, 1)]):
@@ -369,7 +369,7 @@ def _read(path: Path) -> Results:
 
 
 def _require_axes(data: xr.Dataset, place: str) -> None:
-    """Refuse axes that nothing can be drawn over."""
+    """Refuse axes without values, or with values that are not finite."""
     for name, size in data.sizes.items():
         if size == 0 and name not in _MAY_BE_EMPTY:
             raise ResultsError(f"{place}/{name}: is an axis without values")

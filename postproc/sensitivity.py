@@ -1,4 +1,4 @@
-"""Which joint's friction matters to which joint's slip, as a table for the report."""
+"""Table of the joints whose friction matters to the slip of each joint."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _NOTE = (
 
 def tables_of(results: Results) -> Iterator[Table]:
     """One for each case that a regression estimated."""
-    told = [case for case in results.random if case.has("sensitivity", "sensitivity_error")]
-    for case in told:
-        yield table_sensitivity(case, len(told) > _MOST_CASES)
+    known = [case for case in results.random if case.has("sensitivity", "sensitivity_error")]
+    for case in known:
+        yield table_sensitivity(case, len(known) > _MOST_CASES)
 
 
 def table_sensitivity(case: Case, is_of_many: bool) -> Table:

@@ -1,4 +1,4 @@
-"""A map of where methods hold, degrade or refuse, drawn from what bench/stability.py measured.
+"""Map of where methods hold, degrade or refuse, drawn from the tables of bench/stability.py.
 
 python -m entroslip.stability results/stability --out docs/gallery/stability.png
 """
@@ -55,7 +55,7 @@ def read(path: Path) -> list[Row]:
 
 
 def status(row: Row, most: float) -> str:
-    """An error that is no number has degraded, too."""
+    """Status of a measurement; an error that is not a number has degraded."""
     if row["error"] == "":
         return REFUSES
     return HOLDS if float(row["error"]) <= most else DEGRADES
@@ -154,7 +154,7 @@ def _plot_errors(
 
 
 def _families(rows: Sequence[Row]) -> Iterator[tuple[str, list[Row]]]:
-    """In the order of their first appearance."""
+    """Families with their rows, in the order of their first appearance."""
     names = dict.fromkeys(row["family"] for row in rows)
     yield from ((name, [row for row in rows if row["family"] == name]) for name in names)
 

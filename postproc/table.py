@@ -20,7 +20,7 @@ _SHOWN = 7  # significant digits at most; a smaller error is none that is seen
 
 @dataclass(frozen=True)
 class Table:
-    """Rows under a header; `name` is the file's, `note` says how to read it."""
+    """Rows under a header; `name` is that of the file, `note` says how to read the rows."""
 
     name: str
     title: str

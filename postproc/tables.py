@@ -167,7 +167,7 @@ def table_slip(results: Results) -> Table:
 
 
 def _friction(cases: Sequence[Case]) -> str:
-    """Which friction deterministic cases have; all cases of a scene have the same."""
+    """Sentence on the friction of deterministic cases, the same in all cases of a scene."""
     return f"{cases[0].given_friction.capitalize()}."
 
 
@@ -258,7 +258,7 @@ def table_processes(results: Results) -> Table:
 
 
 def table_laws(results: Results) -> Table:
-    """How far apart the two laws of positive processes are, for these very processes."""
+    """The two laws of positive processes side by side, for each process."""
     rows = []
     for name, data in results.processes.items():
         if "other_mean" not in data:

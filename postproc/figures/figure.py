@@ -37,9 +37,9 @@ class Figure:
     def outside_the_paper(self) -> Figure:
         """The same without the paper's number and statements."""
         caption = re.sub(r" \(the paper:[^)]*\)", "", self.caption)
-        told = [s for s in re.split(r"(?<=\.) (?=[A-Z])", caption) if "paper" not in s.lower()]
+        kept = [s for s in re.split(r"(?<=\.) (?=[A-Z])", caption) if "paper" not in s.lower()]
         title = re.sub(r"^Fig\. \w+\. ", "", self.title)
-        return replace(self, title=title, caption=" ".join(told), statements=())
+        return replace(self, title=title, caption=" ".join(kept), statements=())
 
     def renamed(self, ending: str) -> Figure:
         """The same under another name, where two files have the same figure."""

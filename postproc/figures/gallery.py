@@ -1,4 +1,4 @@
-"""Which figures results files have data for, each with what to see in it."""
+"""The figures that results files have data for, each with what to see in it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MOST_SPECTRA = 4  # cases with deterministic friction; more are a sweep
 
 
 def make_figures(files: Sequence[Results]) -> list[Figure]:
-    """Those of every file, in the paper's order; later files' twins carry the file's name."""
+    """Figures of every file, in the paper's order; a later one of the same name gets the file's."""
     found: dict[str, Figure] = {}
     for results in files:
         of_tradeoff = tradeoff.figures_of(results, _processes_of_scene(results, files))
@@ -165,13 +165,13 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
 
 
 def _alone(results: Results, cases: Sequence[Case]) -> list[Case]:
-    """Those that are no part of a frequency response."""
+    """Cases that are not part of a frequency response."""
     swept = {case.name for sweep in sweeps_of(results) for case in sweep.cases}
     return [case for case in cases if case.name not in swept]
 
 
-def _told_apart(cases: list[Case]) -> list[Case]:
-    """All, or those of the largest std: every process at as many levels of the force as fit."""
+def _few_lines(cases: list[Case]) -> list[Case]:
+    """All cases, or those of the largest std: every process at as many levels as fit."""
     if len(cases) <= _MOST_LINES:
         return cases
     largest = max(case.std for case in cases)
@@ -186,7 +186,7 @@ def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
     """Joints and dofs along the structure, from its first to its last."""
     for quantity in joints.QUANTITIES:
         there = [case for case in cases if case.n_joints > 1 and quantity.is_in(case)]
-        own = _told_apart(there)
+        own = _few_lines(there)
         if own:
             some = f" {len(own)} of {len(there)} cases." if len(own) < len(there) else ""
             yield Figure(

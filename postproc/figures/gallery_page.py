@@ -54,7 +54,7 @@ def write_page(files: list[Results], path: Path) -> list[Path]:
 
 
 def _verdicts(statements: Sequence[Statement]) -> list[str]:
-    """The paper's statements and what the tests said, as a table."""
+    """Table of the paper's statements and verdicts."""
     if not statements:
         return []
     rows = "".join(

@@ -1,4 +1,4 @@
-"""Which figures a sweep by sines has data for, each with what to see in it."""
+"""The figures that a sweep by sines has data for, each with what to see in it."""
 
 from __future__ import annotations
 

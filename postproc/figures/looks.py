@@ -15,7 +15,7 @@ _MOST_NAMES = 8  # of a legend within the axes
 _BELOW = -0.12  # below the axes and the name of the lower one, in heights of the axes
 _MOST_FILLINGS = 2  # of marks: open and full; more levels of the force differ in size too
 _SMALLEST_MARK, _LARGEST_MARK = 4.0, 8.0  # [points]
-_TOLD_APART = {"order_found": "order ", "mean": "mean ", "sampler": ""}
+_DIFFERENCES = {"order_found": "order ", "mean": "mean ", "sampler": ""}
 
 
 def level_name(case: Case) -> str:
@@ -27,26 +27,27 @@ def level_name(case: Case) -> str:
 def of_processes(cases: Sequence[Case]) -> dict[str, tuple[str, style.Look]]:
     """Name and look of the process of each case.
 
-    '$L_0$ = 1', or the law of friction that is none of maximum entropy, and what else tells those
-    of one std apart. Colour and mark are those of the length, or of the rank where it is shared.
+    '$L_0$ = 1', or the law of friction that is none of maximum entropy, and what else differs
+    between processes of one std. Colour and mark are those of the length, or of the rank if lengths
+    are shared.
     """
     of = {case.process: case for case in cases}
     names = {
         process: style.with_symbols(case.lengths) if case.law == MAXIMUM_ENTROPY else case.law
         for process, case in of.items()
     }
-    for told, word in _TOLD_APART.items():
-        values = {process: case.asked.get(told) for process, case in of.items()}
+    for fact, word in _DIFFERENCES.items():
+        values = {process: case.asked.get(fact) for process, case in of.items()}
         apart = {(name, of[process].std) for process, name in names.items()}
         if len(apart) < len(of) and len(set(values.values())) > 1:
             names = {process: f"{name}, {word}{values[process]}" for process, name in names.items()}
     lengths = [case.correlation_length for case in of.values()]
-    is_told = len(set(lengths)) == len(lengths)
+    is_distinct = len(set(lengths)) == len(lengths)
     return {
         process: (
             names[process],
             style.of_length(case.correlation_length, lengths)
-            if is_told
+            if is_distinct
             else style.of_rank(rank, len(of)),
         )
         for rank, (process, case) in enumerate(of.items())

@@ -124,10 +124,10 @@ def plot_positive(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
 
 
 def plot_each(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
-    """Autocovariances over the variance, a curve per process, named by what tells them apart."""
+    """Autocovariances over the variance, a curve per process, named by what differs."""
     drawn = style.some_of(processes, MOST_CURVES)
     facts = [_facts(process) for process in drawn]
-    differing = [place for place, told in enumerate(zip(*facts, strict=True)) if len(set(told)) > 1]
+    differing = [place for place, of in enumerate(zip(*facts, strict=True)) if len(set(of)) > 1]
     for rank, process in enumerate(drawn):
         label = ", ".join(facts[rank][place] for place in differing or [_ORDER])
         curve = correlation_of(process)
@@ -138,7 +138,7 @@ def plot_each(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
 
 
 def _facts(process: xr.Dataset) -> tuple[str, ...]:
-    """Facts that may tell processes apart, the order at _ORDER."""
+    """Facts that may differ from process to process, the order at _ORDER."""
     of = process.attrs
     lengths = style.with_symbols(imposed_lengths(of))
     numbers = (f"{name} {float(of[name]):g}" for name in ("mean", "std"))
@@ -207,6 +207,11 @@ def _by_length(
 
 def _imposed(process: xr.Dataset) -> str:
     return style.with_symbols(imposed_lengths(process.attrs))
+
+
+def _bounded(process: xr.Dataset) -> list[str]:
+    """Names of the lengths that the scene bounds."""
+    return [name for name in ("l0", "l1") if float(process.attrs.get(f"bound_{name}", 0.0)) > 0.0]
 
 
 def _bound(process: xr.Dataset, name: str) -> str:

@@ -1,4 +1,4 @@
-"""Which figures of processes (Sec. 2) results files have data for, each with what to see in it."""
+"""The figures of processes (Sec. 2) that results files have data for, each with what to see."""
 
 from __future__ import annotations
 
@@ -142,9 +142,9 @@ def _beside_free(
         f"Fig. 6. Positive processes and the one without sign constraint, {imposed},"
         f" {model_of(free)}",
         f"Autocovariances of positive processes, {_laws(positive)}, beside that of the process"
-        " without sign constraint; below, the differences with bars of two standard errors, the"
-        " scatter of fits from other random numbers among them. The paper finds them very close."
-        f" The largest differences: {largest}.{missing}",
+        " without sign constraint. Below: the differences, with bars of two standard errors that"
+        " include the scatter of fits. The paper finds them very close. The largest differences:"
+        f" {largest}.{missing}",
         _PROCESSES,
         (
             partial(process_figures.plot_positive, processes=[free, *positive]),

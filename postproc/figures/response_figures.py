@@ -164,7 +164,7 @@ class _Rows:
 
 
 def _transitions(case: Case) -> _Rows:
-    """Those of the first sample, in time order."""
+    """Transitions of the first sample, in time order."""
     data = case.data
     first = data["transition_sample"].values == data["sample"].values[0]
     columns = (data[f"transition_{name}"].values[first] for name in ("time", "joint", "kind"))

@@ -148,7 +148,7 @@ def percentile_interval(
 
 
 def _name_curves(axes: Axes, alike: Sequence[xr.Dataset], last: float) -> None:
-    """Says at the curves what they are: the mean, the percentiles."""
+    """Names of the mean and the percentiles at their curves."""
     frequency = alike[0]["frequency"].values
     low, mean, high = (
         np.stack([curve.values for curve in curves])
@@ -186,7 +186,7 @@ def _plot_plain(axes: Axes, x: xr.DataArray, y: xr.DataArray, look: style.Look) 
 
 
 def _number(axes: Axes, marks: Sequence[_Marks]) -> None:
-    """The joints' numbers at their marks, as many as can be told apart; once where marks meet."""
+    """Numbers of joints at their marks, as many as can be read; once where marks meet."""
     placed: list[tuple[int, NDArray[np.float64]]] = []
     for x, y, colour in marks:
         pixels = axes.transData.transform(np.column_stack([x, y]))
@@ -313,7 +313,7 @@ def force_axis(case: Case) -> str:
 
 
 def _power_of_force(case: Case) -> float:
-    """By which spectra of a sweep are divided."""
+    """Divisor of the spectra of a sweep."""
     return case.variance or case.strength**2
 
 

@@ -18,7 +18,7 @@ from ..paper.printed import LENGTHS
 Look = dict[str, Any]  # keyword arguments of a matplotlib call
 _Item = TypeVar("_Item")
 
-# Okabe and Ito: told apart in grey and by colour-blind readers; marks and dashes say it again.
+# Okabe and Ito: they differ in grey and for colour-blind readers. Marks and dashes differ too.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B8860B", "#56B4E9", "#000000")
 _MARKS = ("o", "s", "^", "D", "v", "P", "X")
 _DASHES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 2)))
@@ -74,7 +74,7 @@ def line_of_dof(dof: int, n_dof: int) -> Look:
 def some_of(
     items: Sequence[_Item], most: int = len(_COLOURS), wanted: _Item | None = None
 ) -> list[_Item]:
-    """All, or as many as can be told apart, first and last with them, and `wanted` if it is one."""
+    """All items, or as many as can be distinguished, with the first, the last and `wanted`."""
     if len(items) <= most:
         return list(items)
     places = [round(i * (len(items) - 1) / (most - 1)) for i in range(most)]

@@ -135,7 +135,7 @@ def _prominence(case: Case, hertz: Sequence[float] | NDArray[np.float64]) -> tup
 
 
 def sweep(results: Results) -> Statement:
-    """From the smallest to the largest variance of a sweep without uncertainty."""
+    """Slip fractions from the smallest to the largest variance of a sweep without uncertainty."""
     cases = sorted(results.deterministic, key=lambda case: case.variance)
     if len({case.variance for case in cases}) < 4 or len(cases) != len(results.cases):
         raise NoEvidence("not the cases that the paper speaks of")

@@ -52,7 +52,7 @@ class Statement:
 
     number: str  # 1a
     claim: str
-    source: str  # where the paper says it
+    source: str  # place in the paper
     test: str
     findings: tuple[Finding, ...]
     judgement: Judgement

@@ -1,4 +1,4 @@
-"""Every number that the paper prints beside ours, in one table."""
+"""Table of every number that the paper prints, beside ours."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def _given(results: Results) -> Iterator[_Row]:
 
 
 def _judged(statements: Sequence[Statement]) -> Iterator[tuple[_Row, str]]:
-    """The mean time in slip at which its scatter peaks, and the scene that tells."""
+    """The mean time in slip at which its scatter peaks, and the scene of the estimate."""
     for statement in statements:
         if statement.number == "1a":
             for finding in statement.findings:

@@ -78,8 +78,8 @@ OBSERVATIONS = (
     ),
 )
 
-# What the text says of axes: the force has power up to 2.5 Hz, the panels of a figure are read side
-# by side. (xmin, xmax, ymin, ymax), by the start of a figure's name.
+# Ranges of axes by the text of the paper: the force has power up to 2.5 Hz, and panels compared.
+# (xmin, xmax, ymin, ymax), by the start of a figure's name.
 AXES = {
     "fig_03": (0.0, 20.0, 1.0, 1.45),
     "fig_08": (0.0, 2.5, 1.0e-7, 1.0e1),

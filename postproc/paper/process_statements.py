@@ -171,7 +171,7 @@ def _solved(results: Results) -> list[xr.Dataset]:
 
 
 def _asked(results: Results) -> list[xr.Dataset]:
-    """Those without sign constraint whose order was given, ascending in it."""
+    """Solved processes without sign constraint whose order was given, ascending in it."""
     found = [
         p for p in _solved(results)
         if not is_positive(p) and int(p.attrs["order"]) > 0

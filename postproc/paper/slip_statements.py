@@ -18,7 +18,7 @@ ABOUT_03 = (0.2, 0.4)  # what "approximately 30 %" is taken to mean
 
 
 def peak_of_scatter(study: Study) -> Statement:
-    """Where a cubic through standard deviation over mean has its maximum."""
+    """Mean at the maximum of a cubic through the standard deviations over the means."""
     findings = []
     random = study.random()
     for std in STDS:
@@ -103,7 +103,7 @@ def _wider(study: Study, stds: Sequence[float], one: float, other: float) -> tup
 
 
 def _top(x: NDArray[np.float64], y: NDArray[np.float64], weights: NDArray[np.float64]) -> float:
-    """Where a weighted cubic is largest within the range of x."""
+    """Place of the maximum of a weighted cubic within the range of x."""
     grid = np.linspace(x.min(), x.max(), 401)
     return float(grid[np.argmax(np.polyval(np.polyfit(x, y, 3, w=weights), grid))])
 

@@ -101,7 +101,7 @@ class Study:
         return sorted({(length, variance) for _, length, variance in self.cases})
 
     def random(self) -> np.random.Generator:
-        """Where the draws of a statement begin."""
+        """Generator of the draws of a statement, always from the same seed."""
         return np.random.default_rng(self.seed)
 
     def slip_mean(self, key: Key) -> Estimates:

@@ -73,7 +73,7 @@ def _listed(values: np.ndarray[tuple[int], np.dtype[np.float64]]) -> str:
 
 
 def _imported(options: argparse.Namespace) -> tuple[Pair, Pair, list[Joint]]:
-    """A pair of files, and what is left of it where it is condensed or reduced."""
+    """A pair of files, as read and as condensed or reduced, and its joints."""
     whole = pair = read_pair(options.mass, options.stiffness, options.damping)
     for note in pair.notes:
         say(note)
@@ -99,7 +99,7 @@ def _imported(options: argparse.Namespace) -> tuple[Pair, Pair, list[Joint]]:
 
 
 def _kept(full: Pair, small: Pair) -> str:
-    """How many of the reduced pair's frequencies are those of the full one."""
+    """Sentence: the number of frequencies of the reduced pair that are those of the full one."""
     ours = frequencies(small, small.n_dof)
     full = condensed(full) if massless(full).size else full
     exact = frequencies(full, ours.size)
@@ -181,7 +181,7 @@ def _parser() -> Parser:
 def _add_common(
     parser: argparse.ArgumentParser, stiffness: float | None
 ) -> argparse._MutuallyExclusiveGroup:
-    """Add what all commands have; return the kinds of damping, of which one can be given."""
+    """Add the options of all commands; return the group of those of damping."""
     add = parser.add_argument
     add("--out", type=Path, metavar="FOLDER", help="what is written; without it: checks alone")
     add("--replace", action="store_true", help="write over the files of FOLDER, joints.txt too")

@@ -17,7 +17,7 @@ from ..output import InputError
 from .pair import Matrix, Pair, symmetric_part
 from .text_matrix import Dof, Entries, held_dofs, name, read_abaqus, read_dmig
 
-# What a matrix of each kind is called where a file holds several, in small letters.
+# Names of the matrices of each kind in files that hold several, in small letters.
 _NAMES = {
     "M": ("m", "mass", "mass_matrix", "maa", "maax", "mgg", "mggx", "m2gg", "mred"),
     "K": ("k", "stiffness", "stiffness_matrix", "kaa", "kaax", "kgg", "kggx", "k2gg", "kred"),
@@ -127,7 +127,7 @@ def _chosen(path: Path, found: Mapping[str, Any], wanted: str, letter: str) -> s
         return key
     called = [key for key in found if key.rpartition(".")[2].lower() in _NAMES[letter]]
     if len(called) != 1:
-        raise InputError(f"{path}: which is {letter}? FILE:NAME says it, of {_listed(found)}")
+        raise InputError(f"{path}: which is {letter}? Give FILE:NAME, of {_listed(found)}")
     return called[0]
 
 

@@ -1,4 +1,4 @@
-"""A pair of mass and stiffness matrices: what must be true of it, and what it says of itself."""
+"""A pair of mass and stiffness matrices: its checks, its frequencies and masses."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Pair:
     stiffness: Matrix
     labels: tuple[str, ...]
     damping: Matrix | None = None
-    notes: tuple[str, ...] = ()  # what the files had that the pair has not
+    notes: tuple[str, ...] = ()  # parts of the files that were left out
 
     @property
     def n_dof(self) -> int:
@@ -47,7 +47,7 @@ class Pair:
         return next(label for label in reversed(self.labels) if not label.startswith("mode "))
 
     def position(self, label: str) -> int:
-        """Where a dof stands, from 0."""
+        """Position of a dof, from 0."""
         try:
             return self.labels.index(label)
         except ValueError:
@@ -145,7 +145,7 @@ def _iterated(pair: Pair, **options: Any) -> NDArray[np.float64]:  # noqa: ANN40
 
 
 def total_mass(pair: Pair) -> dict[str, float]:
-    """Mass by direction of motion, as far as the names of the dofs or a rigid motion tell it."""
+    """Mass by direction of motion, if the names of the dofs or a rigid motion show it."""
     found = {}
     for direction in "123":
         moved = np.array([label.endswith(f":{direction}") for label in pair.labels], dtype=float)

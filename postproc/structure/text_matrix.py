@@ -86,7 +86,7 @@ def held_dofs(entries: Entries) -> set[Dof]:
 
 
 def read_dmig(path: Path) -> dict[str, Entries]:
-    """Every DMIG of a punch file or bulk data, by name; one that is not real and square says so."""
+    """Every DMIG of a punch file or bulk data, by name; `refusal` of one not real and square."""
     found: dict[str, Entries] = {}
     for number, fields in _cards(path):
         label, rest = fields[1].strip(), fields[2:]

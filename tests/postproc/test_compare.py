@@ -14,7 +14,7 @@ from entroslip.__main__ import main
 from entroslip.compare import change_table, mean_change, most_changed, pair_cases, std_change
 from entroslip.decision import table_designs
 from entroslip.output import InputError
-from entroslip.results import Case, Results, told_apart
+from entroslip.results import Case, Results, with_own_names
 from tests.conftest import SMALL_SCENE
 
 
@@ -236,11 +236,11 @@ def test_several_designs_are_ranked_with_errors(results_of_scene, results_file, 
     assert (tmp_path / "change_load_15.csv").exists()
 
 
-def test_files_of_one_name_are_told_apart_by_their_folders(tmp_path):
+def test_files_of_one_name_are_with_own_names_by_their_folders(tmp_path):
     """Two designs were both called beam, and the table of the second replaced that of the first."""
     paths = ("now/beam.h5", "a/beam.h5", "b/beam.h5", "b/tip.h5", "b/beam.h5")
     files = [replace(design(np.zeros((1, 1))), path=tmp_path / path) for path in paths]
-    stems = [file.stem for file in told_apart(files)]
+    stems = [file.stem for file in with_own_names(files)]
     assert stems == ["now_beam", "a_beam", "b_beam_3", "tip", "b_beam_5"]
 
 
