@@ -37,7 +37,7 @@ def open_group(path: Path, name: str) -> xr.Dataset:
             axis: _variable(path, file[place], axes) for axis, place in axes.values()
             if axis in used and axis not in own
         }  # fmt: skip
-        data = xr.Dataset({**above, **own}, attrs=_attributes(group))
+        data = xr.Dataset({**above, **own}, attrs=attributes_of(group))
     data.encoding["source"] = str(path)
     return data
 
@@ -66,10 +66,11 @@ def _variable(path: Path, item: h5py.Dataset, axes: dict[int, tuple[str, str]]) 
         lists = item.attrs.get("DIMENSION_LIST", ())
         dims = [axes[_address(item.file[scales[-1]])][0] for scales in lists]
     data = indexing.LazilyIndexedArray(_Stored(path, item))
-    return xr.Variable(dims, data, _attributes(item), {"chunksizes": item.chunks})
+    return xr.Variable(dims, data, attributes_of(item), {"chunksizes": item.chunks})
 
 
-def _attributes(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
+def attributes_of(item: h5py.Group | h5py.Dataset) -> dict[str, Any]:
+    """Attributes of a group or dataset, but those that join it to its axes."""
     return {key: _plain(item.attrs[key]) for key in item.attrs if key not in _OF_AXES}
 
 

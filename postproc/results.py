@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from .groups import open_group
+from .groups import attributes_of, open_group
 from .output import InputError, readable
 from .processes import MAXIMUM_ENTROPY, imposed_lengths
 
@@ -325,7 +325,7 @@ def find_damage(path: Path) -> str | None:
 
 def _read(path: Path) -> Results:
     with h5py.File(path) as file:
-        attrs = {name: _text(value) for name, value in file.attrs.items()}
+        attrs = attributes_of(file)
         groups = {kind: sorted(file[kind]) for kind in ("process", "campaign") if kind in file}
         alone = {kind for kind in ("structure", "tradeoff") if kind in file}
         audited = {name for name in groups.get("campaign", []) if "audit" in file["campaign"][name]}
@@ -376,7 +376,3 @@ def _require_axes(data: xr.Dataset, place: str) -> None:
         values = data[name].values
         if values.dtype.kind == "f" and not np.isfinite(values).all():
             raise ResultsError(f"{place}/{name}: is an axis with a value that is no number")
-
-
-def _text(value: object) -> object:
-    return readable(value) if isinstance(value, bytes | str) else value
