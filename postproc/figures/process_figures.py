@@ -209,11 +209,6 @@ def _imposed(process: xr.Dataset) -> str:
     return style.with_symbols(imposed_lengths(process.attrs))
 
 
-def _bounded(process: xr.Dataset) -> list[str]:
-    """Names of the lengths that the scene bounds."""
-    return [name for name in ("l0", "l1") if float(process.attrs.get(f"bound_{name}", 0.0)) > 0.0]
-
-
 def _bound(process: xr.Dataset, name: str) -> str:
     side = str(process.attrs.get("bound_side", "automatic"))
     is_lower = side == "lower" or (side == "automatic" and name == "l0")
