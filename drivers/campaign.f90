@@ -1,4 +1,4 @@
-!> Steps that the commands share: from the command line to a plan, and the end of a failed run.
+!> Steps that several commands share: they read the plan, and refuse one without a solution.
 module driver_campaign
    use campaign_plan, only: plan_type
    use config_force_file, only: check_force, force_label
@@ -13,27 +13,27 @@ module driver_campaign
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: load_plan, refuse_unsolved, tell_folder
+   public :: load_plan, refuse_unsolved, report_new_folders
 
 contains
 
-   !> Reads the scene and the force file it names; all that is wrong with them becomes one error.
+   !> Reads the scene and its files, and makes the plan. All complaints become one error.
    subroutine load_plan(line, scene, plan, error)
       type(command_line), intent(in) :: line
-      type(scene_type), intent(out) :: scene   !! with its force, of size 0 where it is no file's
+      type(scene_type), intent(out) :: scene   !! its force has size 0 without a force file
       type(plan_type), intent(out) :: plan
       type(error_type), allocatable, intent(out) :: error
       type(complaint_list) :: complaints
 
       call read_scene(line%scene, line%overrides, scene, complaints)
-      if (complaints%n == 0 .and. scene%force_is_hdf5) call read_records(scene, complaints)
+      if (complaints%n == 0 .and. scene%force_is_hdf5) call read_hdf5_force(scene, complaints)
       if (complaints%n == 0) call build_plan(scene, plan, complaints)
       if (complaints%n > 0) call raise(error, exit_bad_input, complaints%text)
       if (.not. allocated(scene%force)) allocate (scene%force(0:0, 0))
    end subroutine load_plan
 
-   !> Reads the records of an HDF5 file and checks them as those of a text file.
-   subroutine read_records(scene, complaints)
+   !> Reads an HDF5 force file, and checks it as one in text form.
+   subroutine read_hdf5_force(scene, complaints)
       type(scene_type), intent(inout) :: scene
       type(complaint_list), intent(inout) :: complaints
       type(error_type), allocatable :: error
@@ -49,18 +49,18 @@ contains
                        scene%n_forces(), &
                        merge(max(scene%campaign%n_samples, 1), 0, scene%excitation%per_sample), &
                        complaints)
-   end subroutine read_records
+   end subroutine read_hdf5_force
 
-   !> Tells that the folder of an output was missing and has been made: its name may be a slip.
-   subroutine tell_folder(output, n_made, is_quiet)
+   !> Reports that the folder of an output did not exist and was made: its name may be misspelt.
+   subroutine report_new_folders(output, n_made, is_quiet)
       character(*), intent(in) :: output
-      integer, intent(in) :: n_made   !! folders
+      integer, intent(in) :: n_made   !! number of folders that were made
       logical, intent(in) :: is_quiet
 
       if (n_made > 0 .and. .not. is_quiet) call say('made the folder '//folder_of(output))
-   end subroutine tell_folder
+   end subroutine report_new_folders
 
-   !> Refuses a plan in which a campaign needs a process without a solution, or no process has one.
+   !> Refuses a plan with motion if any process has no solution, and one without if none has.
    subroutine refuse_unsolved(plan, models, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)

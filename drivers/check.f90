@@ -1,4 +1,4 @@
-!> `entroslip check`: a scene read and checked, and what running it would mean. Writes nothing.
+!> `entroslip check`: checks a scene and prints what a run would compute and cost. Writes no file.
 module driver_check
    use campaign_plan, only: plan_type
    use campaign_pooling, only: fewest_samples
@@ -26,7 +26,7 @@ module driver_check
    private
    public :: check
 
-   !> Expected processor time of the march that a statistical target is foreseen from [s].
+   !> Expected processor time of the trial march that predicts the statistical error [s].
    real(wp), parameter :: budget = 4.0_wp
 
 contains
@@ -51,9 +51,9 @@ contains
       if (plan%has_structure .and. world%is_root() .and. .not. allocated(error)) &
          call measure_cost(plan, scene%force, cost, error)
       call world%stop_on(error)
-      call foresee_need(world, plan, scene%force, cost%nanoseconds, need)
+      call predict_samples_needed(world, plan, scene%force, cost%nanoseconds, need)
       if (world%is_root()) then
-         call foresee_processes(plan, models)
+         call predict_processes(plan, models)
          if (.not. line%has('--quiet')) then
             call say(summary_text(scene, plan, cost%nanoseconds, world%n_ranks, &
                                   cost%transitions, models, cost%audit_nanoseconds, &
@@ -70,8 +70,7 @@ contains
       call stop_world(exit_done)
    end subroutine check
 
-   !> Form of the exact march, and transitions in the march that was timed: where there are none, no
-   !> step is halved.
+   !> Lines on the exact march, if that was timed, and on the transitions in the timed march.
    function march_text(cost) result(text)
       type(cost_type), intent(in) :: cost
       character(:), allocatable :: text
@@ -86,9 +85,9 @@ contains
       text = text(:len(text) - 1)
    end function march_text
 
-   !> Finds, as far as is known before the processes are fitted, which have a solution and how
-   !> realizations of the exact law will be drawn.
-   subroutine foresee_processes(plan, models)
+   !> Predicts which processes have a solution, and how realizations of the exact law are drawn, as
+   !> far as that is known before the fits.
+   subroutine predict_processes(plan, models)
       type(plan_type), intent(in) :: plan
       type(process_model_type), allocatable, intent(out) :: models(:)
       integer :: first(size(plan%processes)), i
@@ -103,16 +102,16 @@ contains
             call foresee_process(plan%processes(i), plan%seed, models(i))
          end if
       end do
-   end subroutine foresee_processes
+   end subroutine predict_processes
 
-   !> Says how many samples and steps accuracy%target_statistical needs, without a final line feed;
-   !> '' without a target, or where a process has no solution. Fits the processes for it.
-   !> Collective.
-   subroutine foresee_need(world, plan, force, nanoseconds, text)
+   !> Predicts the standard error, and the samples and steps that accuracy%target_statistical needs.
+   !> Fits the processes for it. Collective.
+   subroutine predict_samples_needed(world, plan, force, nanoseconds, text)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
-      real(wp), intent(in) :: nanoseconds    !! cost of a sample-step; on the root
+      real(wp), intent(in) :: force(0:, :)   !! (0:n_steps, record) force file [N]; else size 0
+      real(wp), intent(in) :: nanoseconds    !! time per step of a sample; known on the root
+      !> Lines without a final line feed; '' without a target, or if a process has no solution
       character(:), allocatable, intent(out) :: text
       type(process_model_type), allocatable :: models(:)
       type(tradeoff_type) :: measured
@@ -130,22 +129,22 @@ contains
       call world%stop_on(error)
       if (is_stopped) call stop_world(exit_stopped)
       text = need_text(plan, measured, nanoseconds, world%n_ranks)
-   end subroutine foresee_need
+   end subroutine predict_samples_needed
 
-   !> The standard error to come, and what the target takes where that is more than the scene has:
-   !> by a regression where more samples lead to one.
+   !> Text on the expected standard error and, if it exceeds the target, on the samples and steps
+   !> that meet it, with enough samples for a regression.
    pure function need_text(plan, measured, nanoseconds, n_ranks) result(text)
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: measured
-      real(wp), intent(in) :: nanoseconds
+      real(wp), intent(in) :: nanoseconds   !! time per step of a sample
       integer, intent(in) :: n_ranks
       character(:), allocatable :: text
       type(plan_type) :: larger
       type(slip_error) :: error
       integer(long) :: n_samples, n_steps
-      real(wp) :: more, seconds
+      real(wp) :: ratio, seconds   ! ratio of the needed work to that of the scene
 
-      associate (how => plan%integration, wanted => plan%accuracy%target_statistical, &
+      associate (s => plan%integration, wanted => plan%accuracy%target_statistical, &
                  n_now => plan%cases%n_samples)
          error = slip_error_to_come(plan, measured)
          text = 'target_statistical = '//brief(wanted)//': a standard error of about '// &
@@ -154,9 +153,9 @@ contains
             larger = plan
             larger%cases%n_samples = max(fewest_samples, n_now)
             error = slip_error_to_come(larger, measured)
-            call find_need(error, wanted, how%n_steps - how%n_discard, n_samples, n_steps)
-            more = real(n_samples, wp)/maxval(n_now)*(n_steps + how%n_discard)/how%n_steps
-            seconds = 1.0e-9_wp*nanoseconds*more*how%n_steps*sum(real(n_now, wp))/n_ranks
+            call find_need(error, wanted, s%n_steps - s%n_discard, n_samples, n_steps)
+            ratio = real(n_samples, wp)/maxval(n_now)*(n_steps + s%n_discard)/s%n_steps
+            seconds = 1.0e-9_wp*nanoseconds*ratio*s%n_steps*sum(real(n_now, wp))/n_ranks
             text = text//'; '//need_words(plan, error, ', '//duration(seconds))
          end if
       end associate

@@ -1,4 +1,4 @@
-!> Command line: a command, a scene, options.
+!> Reads the command line: a command, a scene and options. Writes the help texts.
 module driver_command_line
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long
@@ -8,7 +8,7 @@ module driver_command_line
    private
    public :: command_help, command_line, read_command_line, help_text
 
-   !> Commands, one row each: name, arguments, and from `text_column` its purpose.
+   !> Commands, one row each: name and argument; its purpose begins at `text_column`.
    character(*), parameter :: commands(*) = [character(76) :: &
       'run SCENE       all that the scene asks for; continues an interrupted run', &
       'check SCENE     read and validate; what would run, its cost and memory', &
@@ -16,7 +16,7 @@ module driver_command_line
       'replay SCENE    one sample again, with its full history (--case, --sample)', &
       'estimate DATA   measured values to the process that explains them', &
       'template        print a complete commented scene']
-   !> Options likewise; a clause `command: ...` of a purpose is about that command alone.
+   !> Options, one row each; a part `command: ...` of a purpose holds for that command only.
    character(*), parameter :: options(*) = [character(76) :: &
       '--output FILE   file to write; run: default SCENE.h5 here; estimate: a scene', &
       '--fresh         run: discard what an earlier run of the scene left', &
@@ -29,22 +29,22 @@ module driver_command_line
       '--help          this text', &
       '--version       version, compiler, flags, libraries']
    integer, parameter :: text_column = 17
-   !> Commands that do their work on one rank.
-   character(*), parameter :: single(*) = [character(8) :: 'estimate', 'template']
-   !> The commands that take each of these options; the last two stand alone.
-   character(*), parameter :: takers(*) = [character(38) :: &
+   !> Commands that work on one rank.
+   character(*), parameter :: one_rank_commands(*) = [character(8) :: 'estimate', 'template']
+   !> (option) Commands that accept it; --help and --version need no command.
+   character(*), parameter :: commands_of_option(*) = [character(38) :: &
       'run, tradeoff, replay, estimate', 'run', 'run, check, tradeoff, replay', 'run', 'replay', &
       'replay', 'template', 'run, check, tradeoff, replay, estimate', '', '']
 
-   !> The arguments, sorted out.
+   !> Command, paths and options.
    type :: command_line
-      character(:), allocatable :: command        !! one of `commands`, or help, or version
+      character(:), allocatable :: command        !! one of `commands`, 'help' or 'version'
       character(:), allocatable :: scene          !! path of the scene file
-      character(:), allocatable :: output         !! path of the results file
-      character(:), allocatable :: overrides(:)   !! group%name=value, in the order typed
-      integer :: case_number = 0                  !! replay; counts from 1
-      integer :: sample = 0                       !! replay; counts from 1
-      character(:), allocatable :: subject        !! help: the command that it is about
+      character(:), allocatable :: output         !! path of the file to be written
+      character(:), allocatable :: overrides(:)   !! --set options, `group%name=value`
+      integer :: case_number = 0                  !! replay: case, from 1
+      integer :: sample = 0                       !! replay: sample, from 1
+      character(:), allocatable :: subject        !! help: command that it describes
       logical, private :: is_given(size(options)) = .false.
    contains
       procedure :: has
@@ -52,7 +52,7 @@ module driver_command_line
 
 contains
 
-   !> Reads the arguments of the program; complains about what it does not know.
+   !> Reads the arguments of the program. Refuses unknown ones, and combinations without meaning.
    subroutine read_command_line(line, error)
       type(command_line), intent(out) :: line
       type(error_type), allocatable, intent(out) :: error
@@ -71,7 +71,7 @@ contains
                i = i + 1
                value = argument(i)
             end if
-            call take_value(line, word, value, error)
+            call store_value(line, word, value, error)
          else if (allocated(value) .and. any(word == names_in(options))) then
             call raise(error, exit_bad_input, word//' takes no value')
          else if (word == '--help' .or. word == '-h' .or. word == 'help' .and. i == 1) then
@@ -98,7 +98,7 @@ contains
          end if
          if (allocated(error)) return
       end do
-      call check_together(line, error)
+      call check_combination(line, error)
    end subroutine read_command_line
 
    !> True if an option is given.
@@ -109,7 +109,7 @@ contains
       has = any(self%is_given .and. names_in(options) == option)
    end function has
 
-   !> Splits --name=value into name and value; else the value is not allocated.
+   !> Splits --name=value into name and value. Leaves the value unallocated for any other word.
    pure subroutine split_value(word, value)
       character(:), allocatable, intent(inout) :: word
       character(:), allocatable, intent(out) :: value
@@ -122,7 +122,7 @@ contains
    end subroutine split_value
 
    !> Stores the value of an option.
-   subroutine take_value(line, option, value, error)
+   subroutine store_value(line, option, value, error)
       type(command_line), intent(inout) :: line
       character(*), intent(in) :: option, value
       type(error_type), allocatable, intent(out) :: error
@@ -134,7 +134,7 @@ contains
       select case (option)
       case ('--output')
          line%output = value
-         if (len(value) > len_trim(value)) &   ! Fortran and HDF5 do not see it
+         if (len(value) > len_trim(value)) &   ! Fortran and HDF5 ignore it
             call raise(error, exit_bad_input, option//' '//value//': must not end in a blank')
       case ('--set')
          line%overrides = [character(max(len(line%overrides), len(value))) :: line%overrides, value]
@@ -143,9 +143,9 @@ contains
       case ('--sample')
          call read_count(option, value, line%sample, error)
       end select
-   end subroutine take_value
+   end subroutine store_value
 
-   !> Reads a whole number from 1.
+   !> Reads an integer of 1 or more.
    subroutine read_count(option, value, n, error)
       character(*), intent(in) :: option, value
       integer, intent(out) :: n
@@ -159,7 +159,7 @@ contains
          call raise(error, exit_bad_input, option//' '//value//': needs a whole number from 1')
    end subroutine read_count
 
-   !> Refuses an unknown command, or a scene where the command should stand.
+   !> Refuses an unknown command, or a file name in place of the command.
    subroutine refuse_command(word, error)
       character(*), intent(in) :: word
       type(error_type), allocatable, intent(out) :: error
@@ -173,8 +173,8 @@ contains
       end if
    end subroutine refuse_command
 
-   !> Refuses options that a command does not take, and commands without what they need.
-   subroutine check_together(line, error)
+   !> Refuses options that the command does not accept, and a command without its arguments.
+   subroutine check_combination(line, error)
       type(command_line), intent(in) :: line
       type(error_type), allocatable, intent(out) :: error
       integer :: i
@@ -185,9 +185,9 @@ contains
          return
       end if
       do i = 1, size(options)
-         if (.not. line%is_given(i) .or. is_taker(line%command, takers(i))) cycle
+         if (.not. line%is_given(i) .or. accepts(line%command, i)) cycle
          call raise(error, exit_bad_input, line%command//' takes no '// &
-                    trim(names_in(options(i)))//', which is for '//trim(takers(i)))
+                    trim(names_in(options(i)))//', which is for '//trim(commands_of_option(i)))
          return
       end do
       if (line%command == 'template') then
@@ -203,16 +203,17 @@ contains
          call raise(error, exit_bad_input, '--fresh discards what others share: start one run '// &
                     'without --share for it')
       end if
-   end subroutine check_together
+   end subroutine check_combination
 
-   !> True if the command is in a list of names.
-   pure logical function is_taker(command, names)
-      character(*), intent(in) :: command, names
+   !> True if a command accepts the i-th option.
+   pure logical function accepts(command, i)
+      character(*), intent(in) :: command
+      integer, intent(in) :: i
 
-      is_taker = index(', '//trim(names)//',', ', '//command//',') > 0
-   end function is_taker
+      accepts = index(', '//trim(commands_of_option(i))//',', ', '//command//',') > 0
+   end function accepts
 
-   !> Help on one command: what it does, and the options that it takes.
+   !> Help on one command: its purpose and options.
    pure function command_help(command) result(text)
       character(*), intent(in) :: command
       character(:), allocatable :: text
@@ -222,21 +223,20 @@ contains
       text = ''
       do i = 1, size(commands)
          if (names_in(commands(i)) /= command) cycle
-         text = 'usage: '//trim(merge('                  ', '[mpirun -n RANKS] ', &
-                                      any(command == single)))
-         if (text(len(text):) == ']') text = text//' '
+         text = 'usage: '
+         if (all(command /= one_rank_commands)) text = text//'[mpirun -n RANKS] '
          text = text//'entroslip '//trim(commands(i) (:text_column - 1))//' [options]'//nl//nl// &
                 trim(commands(i) (text_column:))//nl//nl
       end do
       do i = 1, size(options)
-         if (is_taker(command, takers(i))) &
+         if (accepts(command, i)) &
             text = text//'  '//options(i) (:text_column - 1)//purpose_for(command, options(i))//nl
       end do
       text = text//nl// &
              'entroslip --help: all commands, and exit codes; docs/scene.md: all of a scene'
    end function command_help
 
-   !> Purpose of an option without the clauses about other commands.
+   !> Purpose of an option, without the parts that hold for other commands.
    pure function purpose_for(command, option) result(text)
       character(*), intent(in) :: command, option
       character(:), allocatable :: text, clause, rest
@@ -261,7 +261,7 @@ contains
       end do
    end function purpose_for
 
-   !> One screen of a terminal, 24 lines of 80 columns, with the prompt below it.
+   !> General help: 23 lines of at most 80 columns, one screen of a terminal.
    pure function help_text() result(text)
       character(:), allocatable :: text
       character, parameter :: nl = new_line('a')
@@ -274,6 +274,7 @@ contains
 
    contains
 
+      !> Rows of a table, indented.
       pure function rows(table) result(lines)
          character(*), intent(in) :: table(:)
          character(:), allocatable :: lines
@@ -287,7 +288,7 @@ contains
 
    end function help_text
 
-   !> The name that a row of a table begins with.
+   !> Name at the beginning of a row of `commands` or `options`.
    elemental function names_in(row) result(name)
       character(*), intent(in) :: row
       character(text_column) :: name
@@ -295,13 +296,14 @@ contains
       name = row(:index(row, ' '))
    end function names_in
 
+   !> True if a row of `options` has a value.
    elemental logical function takes_value(row)
       character(*), intent(in) :: row
 
       takes_value = row(index(row, ' '):text_column - 1) /= ''
    end function takes_value
 
-   !> The i-th argument.
+   !> The i-th argument of the program.
    function argument(i) result(text)
       integer, intent(in) :: i
       character(:), allocatable :: text

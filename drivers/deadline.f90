@@ -1,4 +1,4 @@
-!> When a run has to end early: a signal, or the wall-time limit of its scene.
+!> Decides when a run ends early: after a stop signal, or at the time limit of its scene.
 module driver_deadline
    use core_kinds, only: long, wp
    use parallel_signals, only: catch_stop_signals, stop_requested
@@ -7,8 +7,8 @@ module driver_deadline
    private
    public :: start_watch, set_limit, seconds_so_far, time_to_stop
 
-   integer(long) :: started = 0
-   real(wp) :: limit = 0.0_wp   !! [s]; 0: none
+   integer(long) :: started = 0   !! count of the system clock
+   real(wp) :: limit = 0.0_wp     !! [s]; 0: no limit
 
 contains
 
@@ -18,14 +18,14 @@ contains
       call catch_stop_signals()
    end subroutine start_watch
 
-   !> Sets the time after which the run is to end.
+   !> Sets the time limit of the run.
    subroutine set_limit(walltime)
-      real(wp), intent(in) :: walltime   !! [min]; 0: none
+      real(wp), intent(in) :: walltime   !! [min]; 0: no limit
 
       limit = 60.0_wp*walltime
    end subroutine set_limit
 
-   !> Since start_watch [s].
+   !> Time since start_watch [s].
    function seconds_so_far() result(seconds)
       real(wp) :: seconds
       integer(long) :: now, rate
@@ -34,8 +34,8 @@ contains
       seconds = real(now - started, wp)/real(rate, wp)
    end function seconds_so_far
 
-   !> True if a signal asked to stop or the time is up, on this rank. For calls between pieces of
-   !> work: serves other ranks meanwhile.
+   !> True if this rank got a stop signal or the time limit has passed. Also serves the requests of
+   !> other ranks: call it between pieces of work.
    logical function time_to_stop()
       call attend_to_others()
       time_to_stop = stop_requested()

@@ -1,4 +1,5 @@
-!> Maximum-entropy uncertain properties, and the vibration of structures held by friction.
+!> Maximum-entropy models of uncertain friction, and the vibration of structures with friction
+!> joints.
 program entroslip
    use config_template, only: scene_reference, template_text
    use core_error, only: error_type, exit_done
@@ -21,7 +22,7 @@ program entroslip
    call restart_without_threads()
    call read_command_line(line, error)
    if (allocated(error)) then
-      if (was_launched()) then   ! all ranks have the error: one says it
+      if (was_launched()) then   ! all ranks have the same error; one prints it
          call start_world(world)
          call world%stop_on(error)
       end if
@@ -61,7 +62,7 @@ program entroslip
 
 contains
 
-   !> Ends the program with an error, where there is one.
+   !> Ends the program if there is an error.
    subroutine end_on(error)
       type(error_type), allocatable, intent(in) :: error
 

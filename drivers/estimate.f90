@@ -1,4 +1,4 @@
-!> `entroslip estimate`: from measured values to the process that explains them, and its &process.
+!> `entroslip estimate`: fits a process to measured values and writes its &process group.
 module driver_estimate
    use config_measured, only: read_measured
    use config_plan, only: scene_name
@@ -7,7 +7,7 @@ module driver_estimate
    use core_kinds, only: long, wp
    use core_terminal, only: say
    use core_text, only: brief, counted, labelled, rounded_text, shell_word, to_text
-   use driver_campaign, only: tell_folder
+   use driver_campaign, only: report_new_folders
    use driver_command_line, only: command_line
    use io_files, only: exists, folder_of, make_folder, sync_file
    use parallel_world, only: start_world, stop_world, world_type
@@ -16,13 +16,13 @@ module driver_estimate
    private
    public :: estimate
 
-   integer(long), parameter :: seed = 1_long              !! of the realizations for errors
-   real(wp), parameter :: rejected = 0.05_wp, surely_rejected = 0.01_wp   !! p-values of a misfit
+   integer(long), parameter :: seed = 1_long   !! of the realizations that give the errors
+   real(wp), parameter :: doubtful = 0.05_wp, rejected = 0.01_wp   !! p-values of a misfit
    character(*), parameter :: lf = new_line('a')
 
 contains
 
-   !> Runs the command `estimate`; one rank works.
+   !> Runs the command `estimate`; only the root works.
    subroutine estimate(line)
       type(command_line), intent(in) :: line
       type(world_type) :: world
@@ -40,34 +40,34 @@ contains
                                                 ': exists already: choose another name')
          end if
          if (.not. allocated(error)) call estimate_process(records, seed, found, error)
-         if (.not. allocated(error)) call hand_out(line, found, error)
+         if (.not. allocated(error)) call write_estimate(line, found, error)
       end if
       call world%stop_on(error)
       call stop_world(exit_done)
    end subroutine estimate
 
-   !> Prints what was found, then the group, or writes the group into the file that was asked for.
-   subroutine hand_out(line, found, error)
+   !> Prints the estimates, and prints the group or writes it to --output.
+   subroutine write_estimate(line, found, error)
       type(command_line), intent(in) :: line
       type(process_estimate_type), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
       integer :: n_made
 
-      if (.not. line%has('--quiet')) call say(findings(found))
+      if (.not. line%has('--quiet')) call say(estimates_text(found))
       if (.not. allocated(line%output)) then
          call say(group_text(line%scene, found))
       else
          n_made = 0
          call make_folder(folder_of(line%output), error, n_made)
-         call tell_folder(line%output, n_made, line%has('--quiet'))
+         call report_new_folders(line%output, n_made, line%has('--quiet'))
          if (.not. allocated(error)) &
             call write_scene(line%output, group_text(line%scene, found), error)
          if (.not. (allocated(error) .or. line%has('--quiet'))) &
-            call say(how_to_draw(line%scene, line%output, found))
+            call say(plot_commands(line%scene, line%output, found))
       end if
-   end subroutine hand_out
+   end subroutine write_estimate
 
-   !> Writes a new file.
+   !> Writes a text to a new file.
    subroutine write_scene(path, text, error)
       character(*), intent(in) :: path, text
       type(error_type), allocatable, intent(out) :: error
@@ -89,8 +89,8 @@ contains
       end if
    end subroutine write_scene
 
-   !> Estimates with their errors, and whether the process explains the values.
-   pure function findings(found) result(text)
+   !> Lines with the estimates, their errors, and whether the process explains the values.
+   pure function estimates_text(found) result(text)
       type(process_estimate_type), intent(in) :: found
       character(:), allocatable :: text, lags, note
       integer :: n_lags, m
@@ -103,7 +103,7 @@ contains
              //labelled('L0', with_range(found%l0, found%l0_error, found%l0_range)) &
              //labelled('L1', with_range(found%l1, found%l1_error, found%l1_range)) &
              //labelled('order', to_text(found%request%order))
-      n_lags = min(size(found%correlation), found%n_points - 1)   ! of any two values
+      n_lags = min(size(found%correlation), found%n_points - 1)   ! a record has no larger ones
       lags = ''
       do m = 1, n_lags
          if (m > 1) lags = lags//', '
@@ -122,13 +122,13 @@ contains
          note = note//', or differ only from line to line (correlation_length = 1e12, std = '// &
                 brief(found%std_of_lines)//')'
       text = text//labelled('note', note)
-   end function findings
+   end function estimates_text
 
-   !> Commands that draw the values beside realizations of the process.
-   pure function how_to_draw(data, scene, found) result(text)
+   !> Commands that plot the values beside realizations of the process.
+   pure function plot_commands(data, scene, found) result(text)
       character(*), intent(in) :: data, scene   !! paths
       type(process_estimate_type), intent(in) :: found
-      integer, parameter :: n_copies = 400      ! of the measurement
+      integer, parameter :: n_copies = 400      ! realizations for each record
       character(:), allocatable :: text
 
       text = 'written to '//scene//'; to draw the values beside the process:'//lf// &
@@ -137,9 +137,9 @@ contains
              ' --set process%n_realizations='//to_text(n_copies*found%n_records)//lf// &
              '  python -m entroslip '//shell_word(scene_name(scene)//'.h5')//' --measured '// &
              shell_word(data)//' --out figures'
-   end function how_to_draw
+   end function plot_commands
 
-   !> The mean to two digits of its error, and to three of its own at least.
+   !> Mean rounded to two digits of its error, at least to three significant digits.
    pure function mean_text(found) result(text)
       type(process_estimate_type), intent(in) :: found
       character(:), allocatable :: text
@@ -150,6 +150,7 @@ contains
       end associate
    end function mean_text
 
+   !> 'value +- error'
    pure function with_error(value, error) result(text)
       real(wp), intent(in) :: value, error
       character(:), allocatable :: text
@@ -157,6 +158,7 @@ contains
       text = brief(value)//' +- '//brief(error)
    end function with_error
 
+   !> Length with its error, and the range of 95 % of the realizations.
    pure function with_range(value, error, range) result(text)
       real(wp), intent(in) :: value, error, range(2)
       character(:), allocatable :: text
@@ -165,19 +167,19 @@ contains
              ' to '//brief(range(2))
    end function with_range
 
-   !> 'correlation yes (p = 0.4)'
+   !> Verdict on a property by its p-value: 'correlation yes (p = 0.4)'
    pure function judged(what, p) result(text)
       character(*), intent(in) :: what
       real(wp), intent(in) :: p
       character(:), allocatable :: text
 
       text = what//' yes'
-      if (p <= rejected) text = what//' doubtful'
-      if (p <= surely_rejected) text = what//' NO'
+      if (p <= doubtful) text = what//' doubtful'
+      if (p <= rejected) text = what//' NO'
       text = text//' (p = '//brief(p)//')'
    end function judged
 
-   !> The &process group, with where it comes from.
+   !> The &process group, with a comment on its source.
    pure function group_text(path, found) result(text)
       character(*), intent(in) :: path
       type(process_estimate_type), intent(in) :: found

@@ -1,4 +1,4 @@
-!> The output of a run: what an earlier run left of it, who may write it, and how it is let go.
+!> The output of a run: its lock, the finished samples that an earlier run left, and its end.
 module driver_output
    use campaign_plan, only: plan_type
    use campaign_pooling, only: estimators_of
@@ -13,7 +13,7 @@ module driver_output
    use core_kinds, only: long, wp
    use core_terminal, only: say_line => say
    use core_text, only: counted, to_text
-   use driver_campaign, only: tell_folder
+   use driver_campaign, only: report_new_folders
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
    use io_earlier_results, only: case_errors, check_replaceable, inspect_results, read_errors, &
@@ -28,23 +28,24 @@ module driver_output
    private
    public :: output_type, open_anew, open_output
 
-   !> The results file of a run and the shards on the way to it.
+   !> A results file, its shards and its lock.
    type :: output_type
-      type(world_type) :: world                      !! the ranks that share it
-      character(:), allocatable :: scene             !! text of it
-      character(:), allocatable :: overrides         !! --set options, each with its line feed
+      type(world_type) :: world                   !! the ranks of this run
+      character(:), allocatable :: scene          !! text of the scene
+      character(:), allocatable :: overrides      !! --set options, one per line
       character(:), allocatable :: path
       type(shard_store) :: store
       logical :: is_quiet = .false.
-      logical :: is_shared = .false.                 !! with other runs; none of them merges
-      logical :: is_complete = .false.               !! an earlier run left nothing to do
-      logical :: has_other_estimates = .false.       !! of more samples than are wanted; root
-      integer, allocatable :: n_stored(:)            !! (case and audit) in a results file
-      logical, allocatable :: is_finished(:, :)      !! (sample, case) by an earlier run
+      logical :: is_shared = .false.              !! true for --share: no run merges the shards
+      logical :: is_complete = .false.            !! true if an earlier run left nothing to do
+      !> True on the root if the file has more samples than the scene, and other estimates of them
+      logical :: has_other_estimates = .false.
+      integer, allocatable :: n_stored(:)         !! (case and audit) samples in a results file
+      logical, allocatable :: is_finished(:, :)   !! (sample, case) true if it is stored
       type(lock_type) :: lock
    contains
-      procedure :: take
-      procedure :: give_back
+      procedure :: claim
+      procedure :: release
       procedure :: look_again
       procedure :: list_stored
       procedure :: verify
@@ -55,26 +56,25 @@ module driver_output
 
 contains
 
-   !> Locks the output of a command that starts anew, whose file has an ending of its own; ends the
-   !> run where it may not be written. What stands there stays until the new file is whole.
-   !> Collective.
+   !> Locks the output of a command that does not resume; ends the run if the output may not be
+   !> written. An earlier file stays until the new one is complete. Collective.
    subroutine open_anew(world, line, scene, ending, output)
       type(world_type), intent(in) :: world
       type(command_line), intent(in) :: line
       type(scene_type), intent(in) :: scene
-      character(*), intent(in) :: ending   !! '_c007_s0042.h5'
+      character(*), intent(in) :: ending   !! of the default name, such as '_c007_s0042.h5'
       type(output_type), intent(out) :: output
       type(error_type), allocatable :: error
 
       call name_output(world, line, scene, ending, output)
       output%n_stored = [integer ::]
-      if (world%is_root()) call clear_place(output, error)
+      if (world%is_root()) call lock_and_clear(output, error)
       call output%stop_on(error)
-      call tell_folder(output%path, output%lock%n_folders, output%is_quiet)
+      call report_new_folders(output%path, output%lock%n_folders, output%is_quiet)
    end subroutine open_anew
 
-   !> Finds the path of the output: --output, else the scene's name in the current folder with an
-   !> ending; of a symbolic link its target. Collective.
+   !> Sets path and identity of the output. The path is --output, else the name of the scene with an
+   !> ending, in the current folder; a symbolic link is followed. Collective.
    subroutine name_output(world, line, scene, ending, output)
       type(world_type), intent(in) :: world
       type(command_line), intent(in) :: line
@@ -94,8 +94,8 @@ contains
       output%is_quiet = line%has('--quiet') .or. .not. world%is_root()
    end subroutine name_output
 
-   !> Takes the lock, and removes what an earlier run left beside the file.
-   subroutine clear_place(output, error)
+   !> Takes the lock, and removes the shards that an earlier run left.
+   subroutine lock_and_clear(output, error)
       type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
 
@@ -105,10 +105,10 @@ contains
          call check_replaceable(output%path, command, command == 'run', error)
       end associate
       if (.not. allocated(error)) call remove_store(output%store, error)
-   end subroutine clear_place
+   end subroutine lock_and_clear
 
-   !> Locks the output of a run and finds what is finished; ends the run where it may not be
-   !> written. Collective.
+   !> Locks the output of a run and finds the finished samples; ends the run if the output may not
+   !> be written. Collective.
    subroutine open_output(world, line, scene, plan, output)
       type(world_type), intent(in) :: world
       type(command_line), intent(in) :: line
@@ -122,13 +122,13 @@ contains
       call refuse_long_lists(plan, error)
       call world%stop_on(error)
       output%is_shared = line%has('--share')
-      if (world%is_root()) call take_place(line%has('--fresh'), plan, output, error)
+      if (world%is_root()) call lock_and_resume(line%has('--fresh'), plan, output, error)
       call output%stop_on(error)
       if (output%is_shared .and. .not. world%is_root()) &
          call take_lock(output%path, output%lock, error, is_shared=.true.)
       call output%stop_on(error)
-      call tell_folder(output%path, output%lock%n_folders, output%is_quiet)
-      output%is_complete = world%any_true(output%is_complete)   ! the root knows
+      call report_new_folders(output%path, output%lock%n_folders, output%is_quiet)
+      output%is_complete = world%any_true(output%is_complete)   ! set on the root
       call world%broadcast(output%n_stored)
       if (output%is_complete) return
       call output%list_stored(plan, stored, error)
@@ -140,49 +140,51 @@ contains
                          to_text(sum(plan%cases%n_samples))//' samples are there')
    end subroutine open_output
 
-   !> Takes the lock and takes up what an earlier run left. A run alone clears away what no run can
-   !> use; beside other runs nothing is, and a results file stays as it is.
-   subroutine take_place(starts_anew, plan, output, error)
-      logical, intent(in) :: starts_anew
+   !> Takes the lock and finds the results of an earlier run. A run that shares the output with
+   !> others removes no files.
+   subroutine lock_and_resume(is_fresh, plan, output, error)
+      logical, intent(in) :: is_fresh   !! true for --fresh: earlier results are removed
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
 
-      if (starts_anew) then
-         call clear_place(output, error)
+      if (is_fresh) then
+         call lock_and_clear(output, error)
          if (.not. allocated(error)) call remove_file(output%path, error)
       else
          call take_lock(output%path, output%lock, error, output%is_shared)
          if (.not. allocated(error)) &
             call inspect_results(output%path, output%store%identity, output%n_stored, error)
-         if (allocated(output%n_stored)) call take_up_results(plan, output, error)
+         if (allocated(output%n_stored)) call resume_results(plan, output, error)
       end if
       if (.not. allocated(output%n_stored)) output%n_stored = spread(0, 1, size(plan%cases))
       if (.not. (allocated(error) .or. output%is_complete .or. output%is_shared)) &
          call remove_leftovers(output%store, error)
-   end subroutine take_place
+   end subroutine lock_and_resume
 
-   !> Takes up an earlier results file: it is complete, or has fewer samples than are wanted now.
-   subroutine take_up_results(plan, output, error)
+   !> Finds whether an earlier results file is complete. Checks that a run can extend it if not, and
+   !> removes shards that it contains if it is.
+   subroutine resume_results(plan, output, error)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
 
       output%is_complete = all(output%n_stored(:size(plan%cases)) >= plan%cases%n_samples)
       if (output%is_complete .and. plan%has_structure .and. .not. output%is_shared) &
-         call find_unmet(plan, output, error)
-      if (.not. (allocated(error) .or. output%is_complete)) &
+         call mark_incomplete(plan, output, error)
+      if (allocated(error)) return
+      if (.not. output%is_complete) then
          call refuse_extension(plan, output%n_stored, output%path, error)
-      if (.not. (allocated(error) .or. output%is_complete)) &
-         call refuse_loss(plan, output%n_stored, output%path, error)
-      if (output%is_complete .and. .not. (allocated(error) .or. output%is_shared)) &
+         if (.not. allocated(error)) call refuse_loss(plan, output%n_stored, output%path, error)
+      else if (.not. output%is_shared) then
          call remove_covered(output%store, output%lock, output%n_stored, error)
-   end subroutine take_up_results
+      end if
+   end subroutine resume_results
 
-   !> Refuses to go on from results that have not all of their samples.
+   !> Refuses to extend results that do not have the spectra of their samples.
    pure subroutine refuse_extension(plan, n_samples, path, error)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: n_samples(:)   !! (case and audit) in the file
+      integer, intent(in) :: n_samples(:)   !! (case and audit) samples in the file
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error
 
@@ -193,11 +195,11 @@ contains
                  'discard it with --fresh')
    end subroutine refuse_extension
 
-   !> Refuses to make results anew, for a larger audit say, without samples that they hold. A march
-   !> until a target is met comes to them again.
+   !> Refuses to replace results by new ones with fewer samples, for instance for a larger audit.
+   !> With accuracy%sample_until_met the run continues to the samples that they hold.
    pure subroutine refuse_loss(plan, n_samples, path, error)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: n_samples(:)   !! (case and audit) in the file
+      integer, intent(in) :: n_samples(:)   !! (case and audit) samples in the file
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error
       integer :: c
@@ -214,10 +216,10 @@ contains
       end do
    end subroutine refuse_loss
 
-   !> Marks a results file as not complete where a case in it needs more samples for the scene's
-   !> target, or has estimates of another kind or other percentiles than are wanted now. A case with
-   !> more samples than are wanted keeps them, and its estimates.
-   subroutine find_unmet(plan, output, error)
+   !> Marks a results file as incomplete if a case needs more samples for the scene's target, or has
+   !> estimates of another kind or other percentiles than the scene asks for. A case with more
+   !> samples than the scene asks for keeps its samples and estimates.
+   subroutine mark_incomplete(plan, output, error)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
       type(error_type), allocatable, intent(out) :: error
@@ -244,8 +246,9 @@ contains
             output%has_other_estimates = .true.
          end if
       end do
-   end subroutine find_unmet
+   end subroutine mark_incomplete
 
+   !> True if two lists are equal.
    pure logical function are_same(a, b)
       real(wp), intent(in) :: a(:), b(:)
 
@@ -253,8 +256,7 @@ contains
       if (are_same) are_same = all(abs(a - b) <= 0.0_wp)
    end function are_same
 
-   !> Looks again which samples are stored, after the plan has grown or other runs were at work.
-   !> Collective.
+   !> Updates the finished samples after the plan has grown or other runs have worked. Collective.
    subroutine look_again(self, plan, error)
       class(output_type), intent(inout) :: self
       type(plan_type), intent(in) :: plan
@@ -265,9 +267,8 @@ contains
       self%is_finished = finished_samples(stored%shards, plan%cases%n_samples)
    end subroutine look_again
 
-   !> Finds the samples of the store, for all ranks as the root lists them: other machines may not
-   !> see new files at once; and those of an earlier results file. An error is the root's.
-   !> Collective.
+   !> Lists the samples in the shards and in an earlier results file. The root lists the shards for
+   !> all ranks, as other machines may see new files late; an error is set on the root. Collective.
    subroutine list_stored(self, plan, stored, error)
       class(output_type), intent(in) :: self
       type(plan_type), intent(in) :: plan
@@ -288,56 +289,55 @@ contains
                                                                shards)], stored)
    end subroutine list_stored
 
-   !> Reads this rank's share of all shards whole, or, beside other runs, one of all, as they belong
-   !> to one scene: the run that merges them reads every one. The first damaged one is an error of
-   !> this rank.
+   !> Checks the shards by reading them, each on one rank; an error of this rank is its first
+   !> damaged shard. With --share reads one shard: the run that merges them reads all.
    subroutine verify(self, stored, error)
       class(output_type), intent(in) :: self
-      type(stored_samples), intent(in) :: stored   !! the same on all ranks
+      type(stored_samples), intent(in) :: stored   !! equal on all ranks
       type(error_type), allocatable, intent(out) :: error
       type(block_result) :: block
       integer :: i
 
       do i = 1 + self%world%rank, min(size(stored%shards), merge(1, huge(1), self%is_shared)), &
          self%world%n_ranks
-         if (stored%shards(i)%group /= '') cycle   ! in a results file, which was read whole
+         if (stored%shards(i)%group /= '') cycle   ! in a results file, which was checked before
          call read_shard(stored%store, stored%shards(i), block, error)
          if (allocated(error)) return
       end do
    end subroutine verify
 
-   !> True if a block is this rank's to march; beside other runs, if none of them has it.
-   function take(self, block) result(is_ours)
+   !> True if this rank is to march a block: with --share, if no other run has claimed or stored it.
+   function claim(self, block) result(is_ours)
       class(output_type), intent(in) :: self
       type(block_range), intent(in) :: block
       logical :: is_ours
 
       is_ours = .true.
       if (.not. self%is_shared) return
-      is_ours = self%lock%claim(number_of(block))
+      is_ours = self%lock%claim(lock_number(block))
       if (.not. is_ours) return
-      ! finished before our claim?
+      ! another run may have stored it before this claim
       is_ours = .not. exists(path_of(self%store, shard_type(block_range=block)))
-      if (.not. is_ours) call self%lock%give_back(number_of(block))
-   end function take
+      if (.not. is_ours) call self%lock%give_back(lock_number(block))
+   end function claim
 
-   !> Releases a claimed block that is finished or left.
-   subroutine give_back(self, block)
+   !> Releases a claimed block.
+   subroutine release(self, block)
       class(output_type), intent(in) :: self
       type(block_range), intent(in) :: block
 
-      if (self%is_shared) call self%lock%give_back(number_of(block))
-   end subroutine give_back
+      if (self%is_shared) call self%lock%give_back(lock_number(block))
+   end subroutine release
 
-   !> Number of a block in the lock, the same for every run.
-   pure function number_of(block) result(number)
+   !> Number of a block in the lock, equal for every run.
+   pure function lock_number(block) result(number)
       type(block_range), intent(in) :: block
       integer(long) :: number
 
       number = block%case_number*2_long**32 + block%first
-   end function number_of
+   end function lock_number
 
-   !> Prints a line for the user, from the root and unless --quiet.
+   !> Prints a line on the root, unless --quiet is given.
    subroutine say(self, text)
       class(output_type), intent(in) :: self
       character(*), intent(in) :: text
@@ -345,8 +345,8 @@ contains
       if (.not. self%is_quiet) call say_line(text)
    end subroutine say
 
-   !> Ends the run on an error of any rank, the output unlocked first. Another run that has taken
-   !> the output is the reason of whatever went wrong. Collective.
+   !> Unlocks the output and ends the run if any rank has an error. If another run has taken the
+   !> output, reports that as the cause. Collective.
    subroutine stop_on(self, error)
       class(output_type), intent(inout) :: self
       type(error_type), allocatable, intent(in) :: error
@@ -359,11 +359,11 @@ contains
       call self%world%stop_on(reason)
    end subroutine stop_on
 
-   !> Ends the program, the output unlocked first; what is finished stays. Collective.
+   !> Unlocks the output and ends the program; finished shards stay. Collective.
    subroutine end_run(self, exit_code)
       class(output_type), intent(inout) :: self
       integer, intent(in) :: exit_code
-      type(error_type), allocatable :: ignored   ! a lock file that stays behind locks nobody out
+      type(error_type), allocatable :: ignored   ! a remaining lock file is not a lock
 
       call self%lock%release(ignored)
       call stop_world(exit_code)

@@ -1,4 +1,4 @@
-!> The processes of a scene, solved by all ranks together.
+!> Solves the processes of a scene on all ranks.
 module driver_processes
    use campaign_plan, only: plan_type
    use core_error, only: error_type
@@ -22,20 +22,20 @@ module driver_processes
    private
    public :: solve_processes
 
-   !> Hands each component of a model to all ranks.
-   type, extends(component_visitor) :: sharing_visitor
+   !> Broadcasts each component of a model.
+   type, extends(component_visitor) :: broadcast_visitor
       type(world_type) :: world
-      integer :: from = 0   !! the rank that has it
+      integer :: source = 0   !! rank that has the model
    contains
-      procedure :: visit_table => share_table
-   end type sharing_visitor
+      procedure :: visit_table => broadcast_table
+   end type broadcast_visitor
 
 contains
 
-   !> Solves each process, those that differ only in scale by one fit, spread over the ranks, then
-   !> long searches, each by all ranks; all ranks get all models. With an output, takes the
-   !> processes it has and stores each new one at once. When a stop is requested meanwhile, or after
-   !> an error, the rest stays unsolved, without a reason. Collective.
+   !> Solves all processes; all ranks get all models. Processes that differ only in scale share a
+   !> fit. Ranks fit different processes; a long search over signs is divided among all ranks. With
+   !> an output, loads the processes that it holds and stores each new one at once. After a request
+   !> to stop or an error the remaining processes stay unsolved, without a reason. Collective.
    subroutine solve_processes(world, plan, is_quiet, models, output, error, only)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -43,13 +43,13 @@ contains
       type(process_model_type), allocatable, intent(out) :: models(:)
       type(output_type), intent(in), optional :: output
       type(error_type), allocatable, intent(out), optional :: error   !! with an output
-      integer, intent(in), optional :: only   !! the one process that is wanted; 0: none
-      type(process_request) :: requests(size(plan%processes))   ! of the fits
+      integer, intent(in), optional :: only   !! the only process to be solved; 0: none
+      type(process_request) :: requests(size(plan%processes))   ! scaled to mean 1, or to std 1
       type(process_model_type) :: fit
       type(work_counter) :: counter
       type(progress_type) :: progress
       integer, dimension(size(plan%processes)) :: first, n_parts, owner
-      integer, allocatable :: fits(:)
+      integer, allocatable :: fits(:)   ! processes to be fitted; others scale their models
       integer :: i, item
       logical :: is_missing(size(plan%processes))
       type(error_type), allocatable :: failure
@@ -63,10 +63,10 @@ contains
       end do
       first = first_of_fit(plan%processes)
       owner = -1
-      if (present(output)) call take_kept(output, models, owner, failure)
+      if (present(output)) call load_processes(output, models, owner, failure)
       is_missing = owner < 0
       if (present(only)) is_missing = is_missing .and. [(i == only, i=1, size(models))]
-      ! the longest fits in front: of high order, and of these the ones near the limit of std/mean
+      ! the longest fits first: those of high order, then those near the limit of std/mean
       fits = sort_order(-(requests%order + requests%std))
       fits = pack(fits, [(any(is_missing .and. first == fits(i)), i=1, size(fits))])
       call new_counter(world, size(fits), counter)
@@ -77,8 +77,8 @@ contains
          call progress%show(max(0, item - world%n_ranks))
          if (n_parts(fits(item)) > 1) cycle
          call solve(requests(fits(item)), plan%seed, fit)
-         call hand_out(world, plan, fit, is_missing .and. first == fits(item), models, owner, &
-                       failure, output)
+         call keep_models(world, plan, fit, is_missing .and. first == fits(item), models, owner, &
+                          failure, output)
       end do
       call counter%close()
       call progress%finish()
@@ -87,40 +87,40 @@ contains
          call search_together(world, requests(fits(i)), n_parts(fits(i)), allocated(failure), &
                               is_quiet, fit)
          if (fit%is_solved .or. allocated(fit%reason)) &
-            call hand_out(world, plan, fit, is_missing .and. first == fits(i), models, owner, &
-                          failure, output)
+            call keep_models(world, plan, fit, is_missing .and. first == fits(i), models, owner, &
+                             failure, output)
       end do
-      call tell_all(world, owner, models)
+      call broadcast_models(world, owner, models)
       if (present(error)) call move_alloc(failure, error)
    end subroutine solve_processes
 
-   !> Hands a fitted model to every process that waits for it, and keeps it at once.
-   subroutine hand_out(world, plan, fit, is_waiting, models, owner, error, output)
+   !> Scales a fitted model to every process that shares the fit, and stores the models.
+   subroutine keep_models(world, plan, fit, shares_fit, models, owner, error, output)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: fit
-      logical, intent(in) :: is_waiting(:)   !! (process)
+      logical, intent(in) :: shares_fit(:)   !! (process)
       type(process_model_type), intent(inout) :: models(:)
-      integer, intent(inout) :: owner(:)
+      integer, intent(inout) :: owner(:)     !! (process) rank that has the model, else -1
       type(error_type), allocatable, intent(inout) :: error
       type(output_type), intent(in), optional :: output
       integer :: i
 
       do i = 1, size(models)
-         if (.not. is_waiting(i)) cycle
+         if (.not. shares_fit(i)) cycle
          models(i) = fit
          call carry_over(plan%processes(i), models(i))
          owner(i) = world%rank
          if (present(output) .and. .not. allocated(error)) &
             call keep_process(output%store, i, models(i), error)
       end do
-   end subroutine hand_out
+   end subroutine keep_models
 
-   !> Reads the processes of an earlier run on the root, for all ranks to leave out. Collective.
-   subroutine take_kept(output, models, owner, error)
+   !> Loads the processes that an earlier run has stored; the root reads them. Collective.
+   subroutine load_processes(output, models, owner, error)
       type(output_type), intent(in) :: output
       type(process_model_type), intent(inout) :: models(:)
-      integer, intent(inout) :: owner(:)   !! (process): the root, where it is there
+      integer, intent(inout) :: owner(:)   !! (process) 0, the root, if it is loaded
       type(error_type), allocatable, intent(out) :: error
       integer, allocatable :: known(:)
       logical :: is_kept(size(models))
@@ -134,9 +134,9 @@ contains
       end if
       call output%world%broadcast(known)
       owner = known
-   end subroutine take_kept
+   end subroutine load_processes
 
-   !> Solves a process, and checks it by the paper's inversion where that is asked for.
+   !> Fits a process, and checks it by the paper's inversion if that is requested.
    subroutine solve(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -150,23 +150,23 @@ contains
       call check_inversion(model)
    end subroutine solve
 
-   !> Solves all sequences of signs of a process, a part at a time by any rank; the root concludes
-   !> if none is missing. Collective.
+   !> Solves all sequences of signs of a process in parts that the ranks share; the root selects the
+   !> best solution unless parts are missing. Collective.
    subroutine search_together(world, request, n_parts, stops, is_quiet, model)
       type(world_type), intent(in) :: world
       type(process_request), intent(in) :: request
       integer, intent(in) :: n_parts
-      logical, intent(in) :: stops   !! before the first part, for an error of this rank
+      logical, intent(in) :: stops   !! true if this rank has an error: no part is begun
       logical, intent(in) :: is_quiet
       type(process_model_type), intent(out) :: model
-      type(search_result) :: search          ! of all parts that this rank has taken
+      type(search_result) :: search          ! parts of this rank
       type(work_counter) :: counter
       type(progress_type) :: progress
-      real(wp), allocatable :: numbers(:)    ! of its solutions
+      real(wp), allocatable :: numbers(:)    ! numbers of the sequences that are solutions
       real(wp) :: finish, start, sums(3)
       integer :: part
 
-      allocate (search%solutions(0))   ! a rank may take no part
+      allocate (search%solutions(0))   ! a rank may get no part
       call new_counter(world, n_parts, counter)
       if (.not. is_quiet) call progress%start(n_parts, 0, 'parts of a process')
       do
@@ -191,7 +191,7 @@ contains
       call check_inversion(model)
    end subroutine search_together
 
-   !> Compares the model with the paper's inversion of a finite matrix, where that is asked for.
+   !> Compares a model with the paper's inversion of a finite matrix (Eq. 35), if that is requested.
    subroutine check_inversion(model)
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable :: error
@@ -208,32 +208,32 @@ contains
       model%inversion%seconds_of_fit = model%seconds
    end subroutine check_inversion
 
-   !> Broadcasts the models of all ranks to all. Collective.
-   subroutine tell_all(world, owner, models)
+   !> Broadcasts every model from the rank that has it. Collective.
+   subroutine broadcast_models(world, owner, models)
       type(world_type), intent(in) :: world
-      integer, intent(in) :: owner(:)   !! the rank that has the model, else -1
+      integer, intent(in) :: owner(:)   !! (process) this rank if it has the model, else -1
       type(process_model_type), intent(inout) :: models(:)
-      type(sharing_visitor) :: visitor
+      type(broadcast_visitor) :: visitor
       integer :: i
 
       visitor%world = world
       do i = 1, size(models)
-         visitor%from = world%maximum(owner(i))
-         if (visitor%from < 0) cycle
-         if (visitor%from /= world%rank) call forget_components(models(i))
+         visitor%source = world%maximum(owner(i))
+         if (visitor%source < 0) cycle
+         if (visitor%source /= world%rank) call forget_components(models(i))
          call visit_components(visitor, models(i))
       end do
-   end subroutine tell_all
+   end subroutine broadcast_models
 
-   !> Hands a component on. All ranks visit one list: they know what comes.
-   subroutine share_table(self, what, values)
-      class(sharing_visitor), intent(inout) :: self
+   !> Broadcasts one component. All ranks visit the components in the same order.
+   subroutine broadcast_table(self, what, values)
+      class(broadcast_visitor), intent(inout) :: self
       type(component), intent(in) :: what
       real(wp), allocatable, intent(inout) :: values(:, :)
 
       associate (unused => what)
       end associate
-      call self%world%broadcast(values, self%from)
-   end subroutine share_table
+      call self%world%broadcast(values, self%source)
+   end subroutine broadcast_table
 
 end module driver_processes

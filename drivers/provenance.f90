@@ -1,4 +1,4 @@
-!> Where results come from: the scene, the program, the machine.
+!> Provenance of results: the scene, the program and the machine.
 module driver_provenance
    use, intrinsic :: iso_fortran_env, only: compiler_version
    use campaign_plan, only: plan_type
@@ -19,10 +19,10 @@ module driver_provenance
 
 contains
 
-   !> Identity by which shards and results of one campaign know each other.
+   !> Identity that shards and results of one campaign share.
    function identity_of(scene, command) result(identity)
       type(scene_type), intent(in) :: scene
-      character(*), intent(in) :: command   !! that writes the file
+      character(*), intent(in) :: command   !! the command that writes the file
       type(identity_type) :: identity
 
       identity%settings = canonical_text(scene)
@@ -32,13 +32,13 @@ contains
       identity%command = command
    end function identity_of
 
-   !> Creates the results file of a store, and writes where the results come from. What differs
-   !> between two equal runs stands in attributes of the file alone.
+   !> Creates the results file of a store and writes its provenance as attributes. Nothing else in a
+   !> results file differs between two equal runs.
    subroutine begin_results(store, plan, scene, overrides, n_ranks, file, error)
       type(shard_store), intent(in) :: store
       type(plan_type), intent(in) :: plan
-      character(*), intent(in) :: scene       !! its text
-      character(*), intent(in) :: overrides   !! --set options, each with its line feed
+      character(*), intent(in) :: scene       !! text of the scene
+      character(*), intent(in) :: overrides   !! --set options, one per line
       integer, intent(in) :: n_ranks
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
@@ -60,7 +60,7 @@ contains
       if (allocated(error)) call discard_file(file)
    end subroutine begin_results
 
-   !> Date and time with the offset from UTC, as ISO 8601 has them.
+   !> Date and time with the offset from UTC (ISO 8601).
    function now() result(text)
       character(:), allocatable :: text
       character(5) :: zone
@@ -72,7 +72,7 @@ contains
              time(5:6)//zone(1:3)//':'//zone(4:5)
    end function now
 
-   !> Text on the program, how it was compiled, and the libraries that it runs with, in their words.
+   !> Text on the program, its compiler and the libraries that it runs with.
    function version_text() result(text)
       character(:), allocatable :: text
       character, parameter :: nl = new_line('a')

@@ -1,5 +1,5 @@
-!> The best estimates of all cases: regressions over pools of cases, shared out over the ranks, a
-!> joint or a dof at a time.
+!> Best estimates of the statistics of all cases, by regressions over pools of cases. A task is one
+!> joint or dof of a pool; the ranks share the tasks.
 module driver_regression
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use campaign_plan, only: kept_dofs, plan_type
@@ -21,35 +21,36 @@ module driver_regression
    private
    public :: find_estimates
 
-   !> Data that the tasks of all pools read and fill.
-   type :: workshop_type
+   !> Input and results of the tasks, and the pool that is loaded.
+   type :: regression_state
       type(case_pool), allocatable :: pools(:)
-      type(case_statistics), pointer :: plain(:)       !! (case)
-      type(case_estimates), pointer :: found(:)        !! (case) by this rank, zeros elsewhere
+      type(case_statistics), pointer :: plain(:)      !! (case) plain estimates
+      type(case_estimates), pointer :: estimates(:)   !! (case) results of this rank, else zeros
       integer :: n_joints = 0
-      integer, allocatable :: points(:), takers(:)     !! of the process; a joint that takes each
-      integer, allocatable :: dofs(:)                  !! whose spectra are there
-      real(wp) :: step = 0.0_wp                        !! between frequencies [Hz]
-      real(wp), allocatable :: share_below(:)          !! (percentile)
-      integer :: at_hand = 0                           !! the pool of the next three
-      type(pool_type) :: pool
-      integer, allocatable :: drawn(:, :)              !! (process and samples fitted, case) of it
-      real(wp), allocatable :: numbers(:, :)           !! (sample, number) as numbers_of has them
-   end type workshop_type
+      integer, allocatable :: points(:)           !! friction points of the process, ascending
+      integer, allocatable :: joint_of_point(:)   !! (point) the first joint that has its friction
+      integer, allocatable :: dofs(:)             !! dofs with spectra
+      real(wp) :: step = 0.0_wp                   !! between frequencies [Hz]
+      real(wp), allocatable :: share_below(:)     !! (percentile) percentile/100
+      integer :: current = 0                      !! number of the loaded pool; 0: none
+      type(pool_type) :: pool                     !! friction samples of it, and draws of their laws
+      integer, allocatable :: drawn(:, :)         !! (process and n_fitted, case) in `pool`
+      real(wp), allocatable :: numbers(:, :)      !! (sample, number) in the order of numbers_of
+   end type regression_state
 
 contains
 
-   !> Computes the estimates of every case: by a pool's regression, or plain ones. Collective.
+   !> Computes the best estimates of every case: by regression, else the plain ones. Collective.
    subroutine find_estimates(world, plan, models, stored, frequency, statistics, estimates, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
       type(stored_samples), intent(in) :: stored
-      real(wp), intent(in) :: frequency(:)                  !! [Hz]; empty: no spectra
-      type(case_statistics), intent(in), target :: statistics(:)    !! (case) plain
-      type(case_estimates), intent(out), target :: estimates(:)     !! (case)
+      real(wp), intent(in) :: frequency(:)   !! [Hz]; empty without spectra
+      type(case_statistics), intent(in), target :: statistics(:)   !! (case) plain estimates
+      type(case_estimates), intent(out), target :: estimates(:)    !! (case)
       type(error_type), allocatable, intent(out) :: error
-      type(workshop_type) :: workshop
+      type(regression_state) :: state
       type(work_counter) :: counter
       integer :: c, n_tasks, p, task
 
@@ -58,25 +59,25 @@ contains
          estimates(c)%best = statistics(c)
          estimates(c)%reason = reason_for_plain(plan, c)
       end do
-      workshop%pools = find_pools(plan)
-      if (size(workshop%pools) == 0) return
-      workshop%plain => statistics
-      workshop%found => estimates
-      call open_workshop(plan, frequency, workshop)
-      n_tasks = workshop%n_joints + size(workshop%dofs)
+      state%pools = find_pools(plan)
+      if (size(state%pools) == 0) return
+      state%plain => statistics
+      state%estimates => estimates
+      call prepare_state(plan, frequency, state)
+      n_tasks = state%n_joints + size(state%dofs)
       if (plan%excitation%kind == 'sine') n_tasks = n_tasks + plan%structure%n_dof
-      call new_counter(world, n_tasks*size(workshop%pools), counter)
+      call new_counter(world, n_tasks*size(state%pools), counter)
       do
          task = counter%next(stops=allocated(error))
          if (task == 0) exit
          call attend_to_others()
-         call do_task(plan, models, stored, (task - 1)/n_tasks + 1, &
-                      n_tasks - modulo(task - 1, n_tasks), workshop, error)   ! dofs take longest
+         call run_task(plan, models, stored, (task - 1)/n_tasks + 1, &
+                      n_tasks - modulo(task - 1, n_tasks), state, error)   ! dofs take longest
       end do
       call counter%close()
       if (world%any_true(allocated(error))) return
-      do p = 1, size(workshop%pools)
-         associate (cases => workshop%pools(p)%cases)
+      do p = 1, size(state%pools)
+         associate (cases => state%pools(p)%cases)
             do c = 1, size(cases)
                call add_up(world, estimates(cases(c)))
             end do
@@ -84,195 +85,192 @@ contains
       end do
    end subroutine find_estimates
 
-   !> Prepares the data that all tasks need.
-   subroutine open_workshop(plan, frequency, workshop)
+   !> Prepares the input of all tasks, and the estimates that they fill.
+   subroutine prepare_state(plan, frequency, state)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: frequency(:)
-      type(workshop_type), intent(inout) :: workshop
+      type(regression_state), intent(inout) :: state
       integer :: i, p
 
-      workshop%share_below = plan%output%percentiles/100.0_wp
-      workshop%n_joints = plan%structure%n_joints
-      call find_points(plan%structure, workshop%points, workshop%takers)
-      allocate (workshop%dofs(0))
+      state%share_below = plan%output%percentiles/100.0_wp
+      state%n_joints = plan%structure%n_joints
+      call find_points(plan%structure, state%points, state%joint_of_point)
+      allocate (state%dofs(0), state%drawn(2, 0))
       if (size(frequency) > 1) then
-         workshop%dofs = kept_dofs(plan)
-         workshop%step = frequency(2) - frequency(1)
+         state%dofs = kept_dofs(plan)
+         state%step = frequency(2) - frequency(1)
       end if
-      do p = 1, size(workshop%pools)
-         associate (cases => workshop%pools(p)%cases)
+      do p = 1, size(state%pools)
+         associate (cases => state%pools(p)%cases)
             do i = 1, size(cases)
-               associate (found => workshop%found(cases(i)))
-                  call found%start(workshop%points)
-                  found%pooled_with = pack(cases, cases /= cases(i))
-               end associate
+               call state%estimates(cases(i))%start(state%points)
+               state%estimates(cases(i))%pooled_with = pack(cases, cases /= cases(i))
             end do
          end associate
       end do
-   end subroutine open_workshop
+   end subroutine prepare_state
 
-   !> Estimates the quantities of one joint, or the spectra or the amplitude of one dof, for all
-   !> cases of a pool.
-   subroutine do_task(plan, models, stored, number, part, workshop, error)
+   !> Estimates all quantities of a joint, or the spectra or the amplitude of a dof, for all cases
+   !> of a pool.
+   subroutine run_task(plan, models, stored, number, part, state, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
       type(stored_samples), intent(in) :: stored
-      integer, intent(in) :: number   !! of the pool
-      integer, intent(in) :: part     !! a joint, or behind those a dof: of spectra, of amplitudes
-      type(workshop_type), intent(inout) :: workshop
+      integer, intent(in) :: number   !! number of the pool
+      integer, intent(in) :: part     !! 1..: the joints, then dofs with spectra, then amplitudes
+      type(regression_state), intent(inout) :: state
       type(error_type), allocatable, intent(inout) :: error
       integer :: i
 
-      if (workshop%at_hand /= number) then
-         call gather_pool(plan, models, stored, number, workshop, error)
+      if (state%current /= number) then
+         call load_pool(plan, models, stored, number, state, error)
          if (allocated(error)) return
       end if
-      associate (dof => part - workshop%n_joints, n_spectra => size(workshop%dofs))
+      associate (dof => part - state%n_joints, n_spectra => size(state%dofs))
          if (dof <= 0) then
-            call estimate_numbers(workshop, [(part + i*workshop%n_joints, i=0, n_quantities - 1)], &
+            call estimate_numbers(state, [(part + i*state%n_joints, i=0, n_quantities - 1)], &
                                   error)
          else if (dof <= n_spectra) then
-            call estimate_dof(stored, dof, workshop, error)
+            call estimate_spectra(stored, dof, state, error)
          else
-            call estimate_numbers(workshop, [dof - n_spectra + n_quantities*workshop%n_joints], &
+            call estimate_numbers(state, [dof - n_spectra + n_quantities*state%n_joints], &
                                   error)
          end if
       end associate
-   end subroutine do_task
+   end subroutine run_task
 
-   !> Gathers the samples of a pool that the regression uses, and draws each case's law. Under
-   !> another force the same processes have the same friction values.
-   subroutine gather_pool(plan, models, stored, number, workshop, error)
+   !> Loads the samples of a pool, and draws values of each case's law. Keeps those of the pool
+   !> before if it has the same processes under another force: the friction values are the same.
+   subroutine load_pool(plan, models, stored, number, state, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
       type(stored_samples), intent(in) :: stored
-      integer, intent(in) :: number   !! of the pool
-      type(workshop_type), intent(inout) :: workshop
+      integer, intent(in) :: number   !! number of the pool
+      type(regression_state), intent(inout) :: state
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: friction(:, :), draws(:, :), values(:, :)
       real(wp) :: n_independent
       type(block_result) :: samples
-      integer, allocatable :: first(:), n_samples(:), wanted(:, :)
+      integer, allocatable :: first(:), n_samples(:), wanted(:, :)   ! as state%drawn
       integer :: i
 
-      associate (members => workshop%pools(number))
+      associate (members => state%pools(number))
          first = [1, (1 + sum(members%n_fitted(:i)), i=1, size(members%cases))]
          wanted = reshape([plan%cases(members%cases)%process, members%n_fitted], &
                           [2, size(members%cases)], order=[2, 1])
-         if (allocated(workshop%numbers)) deallocate (workshop%numbers)
-         allocate (friction(first(size(first)) - 1, size(workshop%points)))
+         if (allocated(state%numbers)) deallocate (state%numbers)
+         allocate (friction(first(size(first)) - 1, size(state%points)))
          do i = 1, size(members%cases)
             call stored%read(members%cases(i), 1, members%n_fitted(i), samples, error)
             if (allocated(error)) return
-            friction(first(i):first(i + 1) - 1, :) = transpose(samples%friction(workshop%takers, :))
+            friction(first(i):first(i + 1) - 1, :) = &
+               transpose(samples%friction(state%joint_of_point, :))
             values = numbers_of(samples)
-            if (i == 1) allocate (workshop%numbers(size(friction, 1), size(values, 1)))
-            workshop%numbers(first(i):first(i + 1) - 1, :) = transpose(values)
+            if (i == 1) allocate (state%numbers(size(friction, 1), size(values, 1)))
+            state%numbers(first(i):first(i + 1) - 1, :) = transpose(values)
          end do
-         workshop%at_hand = number
+         state%current = number
          n_samples = plan%cases(members%cases)%n_samples
-         if (allocated(workshop%drawn)) then
-            if (size(workshop%drawn) == size(wanted)) then
-               if (all(workshop%drawn == wanted)) then
-                  workshop%pool%n_samples = n_samples
-                  return
-               end if
+         if (size(state%drawn) == size(wanted)) then
+            if (all(state%drawn == wanted)) then
+               state%pool%n_samples = n_samples
+               return
             end if
          end if
-         call new_pool(friction, first, n_samples, workshop%pool)
+         call new_pool(friction, first, n_samples, state%pool)
          do i = 1, size(members%cases)
             call attend_to_others()
-            associate (model => models(wanted(1, i)))
-               call draw_law(plan%seed, model, workshop%points, draws, n_independent)
-               call workshop%pool%add_law(i, draws, n_independent)
-            end associate
+            call draw_law(plan%seed, models(wanted(1, i)), state%points, draws, n_independent)
+            call state%pool%add_law(i, draws, n_independent)
          end do
-         workshop%drawn = wanted
+         state%drawn = wanted
       end associate
-   end subroutine gather_pool
+   end subroutine load_pool
 
-   !> Estimates numbers of one joint or dof, which follow the same inputs, for all cases at hand.
-   subroutine estimate_numbers(workshop, numbers, error)
-      type(workshop_type), intent(inout) :: workshop
-      integer, intent(in) :: numbers(:)   !! their places as numbers_of has them
+   !> Estimates the statistics of some numbers of one joint or dof, for all cases of the loaded
+   !> pool.
+   subroutine estimate_numbers(state, numbers, error)
+      type(regression_state), intent(inout) :: state
+      integer, intent(in) :: numbers(:)   !! their positions in numbers_of
       type(error_type), allocatable, intent(out) :: error
-      type(statistic_type), dimension(size(numbers), size(workshop%share_below) + 2, &
-                                      size(workshop%pools(workshop%at_hand)%cases)) :: &
+      type(statistic_type), dimension(size(numbers), size(state%share_below) + 2, &
+                                      size(state%pools(state%current)%cases)) :: &
          plain, estimates
-      type(statistic_type) :: sensitivity(size(workshop%points), size(plain, 3))
+      type(statistic_type) :: sensitivity(size(state%points), size(plain, 3))
       integer :: i
 
-      associate (cases => workshop%pools(workshop%at_hand)%cases)
+      associate (cases => state%pools(state%current)%cases)
          do i = 1, size(cases)
-            plain(:, :, i) = workshop%plain(cases(i))%numbers(numbers, :)
+            plain(:, :, i) = state%plain(cases(i))%numbers(numbers, :)
          end do
-         call estimate_scalars(workshop%pool, workshop%numbers(:, numbers), &
-                               numbers <= workshop%n_joints, workshop%share_below, plain, &
+         call estimate_scalars(state%pool, state%numbers(:, numbers), &
+                               numbers <= state%n_joints, state%share_below, plain, &
                                estimates, sensitivity, error)
          if (allocated(error)) return
          do i = 1, size(cases)
-            associate (found => workshop%found(cases(i)))
-               found%best%numbers(numbers, :) = estimates(:, :, i)
-               if (numbers(1) <= workshop%n_joints) &
-                  found%sensitivity(:, numbers(1)) = sensitivity(:, i)
-            end associate
+            state%estimates(cases(i))%best%numbers(numbers, :) = estimates(:, :, i)
+            if (numbers(1) <= state%n_joints) &
+               state%estimates(cases(i))%sensitivity(:, numbers(1)) = sensitivity(:, i)
          end do
       end associate
    end subroutine estimate_numbers
 
-   subroutine estimate_dof(stored, dof, workshop, error)
+   !> Estimates the statistics of the spectra of one dof, for all cases of the loaded pool.
+   subroutine estimate_spectra(stored, dof, state, error)
       type(stored_samples), intent(in) :: stored
-      integer, intent(in) :: dof   !! its place among those whose spectra are kept
-      type(workshop_type), intent(inout) :: workshop
+      integer, intent(in) :: dof   !! position in state%dofs
+      type(regression_state), intent(inout) :: state
       type(error_type), allocatable, intent(out) :: error
       type(statistic_type), allocatable :: plain(:, :, :)      ! (frequency, statistic, case)
-      type(statistic_type), allocatable :: spectra(:, :, :)    ! the same, as far as there is power
+      type(statistic_type), allocatable :: spectra(:, :, :)    ! the same at the first n frequencies
       type(statistic_type), allocatable :: integrals(:, :)     ! (statistic, case)
-      real(wp), allocatable :: density(:, :)      ! (sample, frequency)
-      real(wp), allocatable :: of_case(:, :, :)   ! (1, frequency, sample)
-      integer :: i, n
+      real(wp), allocatable :: density(:, :)          ! (sample, frequency)
+      real(wp), allocatable :: case_density(:, :, :)  ! (1, frequency, sample) of one case
+      integer :: i, n   ! n: frequencies up to the last one with power
 
-      associate (cases => workshop%pools(workshop%at_hand)%cases, &
-                 n_fitted => workshop%pools(workshop%at_hand)%n_fitted, pool => workshop%pool)
-         associate (psd => workshop%plain(cases(1))%psd)
+      associate (cases => state%pools(state%current)%cases, &
+                 n_fitted => state%pools(state%current)%n_fitted, pool => state%pool)
+         associate (psd => state%plain(cases(1))%psd)
             allocate (plain(size(psd, 2), size(psd, 3), size(cases)))
          end associate
          n = 0
          do i = 1, size(cases)
-            plain(:, :, i) = workshop%plain(cases(i))%psd(dof, :, :)
+            plain(:, :, i) = state%plain(cases(i))%psd(dof, :, :)
             n = max(n, last_powerful(plain(:, 1, i)%value))
          end do
          allocate (density(size(pool%x, 1), n), spectra(n, size(plain, 2), size(cases)), &
                    integrals(size(plain, 2) + 1, size(cases)))
          do i = 1, size(cases)
-            allocate (of_case(1, n, n_fitted(i)))
-            call stored%read_part(cases(i), 'psd', [dof, 1, 1], of_case, error)
+            allocate (case_density(1, n, n_fitted(i)))
+            call stored%read_part(cases(i), 'psd', [dof, 1, 1], case_density, error)
             if (allocated(error)) return
-            density(pool%first(i):pool%first(i + 1) - 1, :) = transpose(of_case(1, :, :))
-            deallocate (of_case)
+            density(pool%first(i):pool%first(i + 1) - 1, :) = transpose(case_density(1, :, :))
+            deallocate (case_density)
          end do
-         call estimate_spectrum(pool, density, workshop%step, workshop%share_below, plain, &
+         call estimate_spectrum(pool, density, state%step, state%share_below, plain, &
                                 spectra, integrals, error)
          if (allocated(error)) return
          do i = 1, size(cases)
-            call workshop%found(cases(i))%take_spectrum(dof, workshop%plain(cases(i)), &
+            call state%estimates(cases(i))%take_spectrum(dof, state%plain(cases(i)), &
                                                         spectra(:, :, i), integrals(:, i))
          end do
       end associate
-   end subroutine estimate_dof
+   end subroutine estimate_spectra
 
-   !> Adds up the estimates of a case, of which each rank has some joints and dofs; collective.
-   subroutine add_up(world, found)
+   !> Adds up the estimates of a case over the ranks, each of which has some joints and dofs.
+   !> Collective.
+   subroutine add_up(world, estimates)
       type(world_type), intent(in) :: world
-      type(case_estimates), intent(inout) :: found
+      type(case_estimates), intent(inout) :: estimates
 
-      call add_table(found%sensitivity)
-      call add_table(found%best%numbers)
-      call add_table(found%best%psd)
-      call add_table(found%best%pseudo_variances)
+      call add_table(estimates%sensitivity)
+      call add_table(estimates%best%numbers)
+      call add_table(estimates%best%psd)
+      call add_table(estimates%best%pseudo_variances)
 
    contains
 
+      !> Adds up one table over the ranks.
       subroutine add_table(table)
          type(statistic_type), intent(inout), target, contiguous, optional :: table(..)
          real(wp), pointer :: numbers(:)

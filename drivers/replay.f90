@@ -1,4 +1,4 @@
-!> `entroslip replay`: one sample of a campaign again, alone, with all that can be kept of it.
+!> `entroslip replay`: repeats one sample of a campaign and keeps all its results.
 module driver_replay
    use campaign_plan, only: plan_type
    use campaign_runner, only: runner_type
@@ -7,13 +7,13 @@ module driver_replay
    use core_error, only: error_type, exit_bad_input, exit_done, raise
    use core_text, only: counted, shell_word, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
-   use driver_trial_runs, only: keep_targets
    use driver_command_line, only: command_line
    use driver_deadline, only: start_watch
    use driver_output, only: open_anew, output_type
    use driver_processes, only: solve_processes
    use driver_results, only: write_results
-   use driver_run, only: end_if_asked, march_campaign, prepare_march
+   use driver_run, only: end_if_requested, march_campaign, prepare_march
+   use driver_trial_runs, only: keep_targets
    use io_store, only: remove_store
    use parallel_world, only: start_world, world_type
    use process_model, only: process_model_type
@@ -23,7 +23,7 @@ module driver_replay
 
 contains
 
-   !> Runs the command `replay`: all ranks help with a long search for the process, one marches.
+   !> Runs the command `replay`: one rank marches; all ranks share a long search for the process.
    !> Collective.
    subroutine replay(line)
       type(command_line), intent(in) :: line
@@ -39,7 +39,7 @@ contains
       call start_watch()
       call start_world(world)
       call load_plan(line, scene, plan, error)
-      if (.not. allocated(error)) call check_choice(line, plan, error)
+      if (.not. allocated(error)) call check_sample(line, plan, error)
       if (.not. allocated(error)) call refuse_oversize(plan, error)
       call world%stop_on(error)
       call keep_targets(world, scene, plan, choice)
@@ -51,24 +51,24 @@ contains
                            only=plan%cases(line%case_number)%process)
       call refuse_unsolved(plan, models, error)
       call output%stop_on(error)
-      call end_if_asked(output)
+      call end_if_requested(output)
       call keep_sample(line, runner%plan)
       call output%look_again(runner%plan, error)
       call output%stop_on(error)
       call march_campaign(models, runner, output, error)
-      if (allocated(error)) call remove_store(output%store, ignored)   ! the next one starts anew
+      if (allocated(error)) call remove_store(output%store, ignored)   ! a replay does not resume
       call output%stop_on(error)
-      call end_if_asked(output)
+      call end_if_requested(output)
       call write_results(runner%plan, models, runner, output, error)
-      if (allocated(error)) call remove_store(output%store, ignored)   ! the next one starts anew
+      if (allocated(error)) call remove_store(output%store, ignored)
       call output%stop_on(error)
       call output%say(output%path//': its history, transitions and energies. Draw it: '// &
                       'python -m entroslip '//shell_word(output%path)//' --out figures')
       call output%end_run(exit_done)
    end subroutine replay
 
-   !> Refuses a case or a sample that the campaign does not have.
-   subroutine check_choice(line, plan, error)
+   !> Refuses a case or sample that the campaign does not have.
+   subroutine check_sample(line, plan, error)
       type(command_line), intent(in) :: line
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
@@ -81,9 +81,9 @@ contains
                     to_text(line%case_number)//' has '// &
                     counted(plan%cases(line%case_number)%n_samples, 'sample', 'samples'))
       end if
-   end subroutine check_choice
+   end subroutine check_sample
 
-   !> '_c007_s0042.h5'
+   !> Ending of the default name of the output: '_c007_s0042.h5'.
    pure function ending_of(line) result(ending)
       type(command_line), intent(in) :: line
       character(:), allocatable :: ending
@@ -93,7 +93,7 @@ contains
       ending = trim(buffer)
    end function ending_of
 
-   !> Keeps histories, transitions and the energy ledger, even where the scene does not.
+   !> Makes the plan keep histories, transitions and the energy ledger.
    subroutine keep_everything(plan)
       type(plan_type), intent(inout) :: plan
 

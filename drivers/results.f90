@@ -1,4 +1,4 @@
-!> From shards to the results file: statistics of every case, and everything written as a whole.
+!> Writes the results file: processes, samples from the shards, and statistics of every case.
 module driver_results
    use campaign_columns, only: sample_groups
    use campaign_comparison, only: compare_slip, numerical_error, spectrum_comparison
@@ -31,8 +31,8 @@ module driver_results
 
 contains
 
-   !> Writes the results file and removes the shards it was made of; those of further samples stay.
-   !> The root writes, all ranks share the statistics; collective.
+   !> Writes the results file and removes the shards that it contains. The root writes; all ranks
+   !> share the statistics. Collective.
    subroutine write_results(plan, models, runner, output, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
@@ -57,7 +57,7 @@ contains
       end if
    end subroutine write_results
 
-   !> Writes the processes with the realizations that were asked for.
+   !> Writes the processes and the requested realizations.
    subroutine write_processes(plan, models, file, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
@@ -68,7 +68,7 @@ contains
       integer :: i, k
 
       do i = 1, size(models)
-         ! neither solved nor refused: a replay did not need it
+         ! a replay leaves processes that it does not need unsolved, without a reason
          if (.not. (models(i)%is_solved .or. allocated(models(i)%reason))) cycle
          if (allocated(values)) deallocate (values)
          if (plan%n_realizations > 0 .and. models(i)%is_solved) then
@@ -83,9 +83,9 @@ contains
       end do
    end subroutine write_processes
 
-   !> Writes the structure, then case by case. While the root writes the long data of a case and
-   !> the small data of the next one, the other ranks compute statistics of that. Then writes the
-   !> best estimates of all cases, which use samples of several. Collective.
+   !> Writes the structure and the cases, then the best estimates, which use samples of several
+   !> cases. While the root writes the long data of a case and the short data of the next one, the
+   !> other ranks compute statistics of the next one. Collective.
    subroutine write_cases(plan, models, runner, output, file, error)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
@@ -94,7 +94,7 @@ contains
       type(hdf5_file), intent(in) :: file
       type(error_type), allocatable, intent(out) :: error
       type(stored_samples) :: stored
-      type(case_task), allocatable :: tasks(:)   ! two, in turn
+      type(case_task), allocatable :: tasks(:)   ! statistics of a case and of the next one
       type(case_statistics) :: statistics(size(plan%cases))
       type(case_estimates) :: estimates(size(plan%cases))
       type(group_type) :: groups(size(plan%cases))
@@ -105,7 +105,8 @@ contains
       if (output%world%any_true(allocated(error))) return
       call output%list_stored(plan, stored, error)
       if (output%world%any_true(allocated(error))) return
-      if (plan%output%spectrum .and. .not. plan%output%samples) then   ! else finish_case reads them
+      ! spectra that finish_case does not copy are checked here
+      if (plan%output%spectrum .and. .not. plan%output%samples) then
          call output%verify(stored, error)
          if (output%world%any_true(allocated(error))) return
       end if
@@ -116,7 +117,7 @@ contains
       do k = 1, size(numbers)
          associate (task => tasks(modulo(k, 2)), number => numbers(k))
             if (output%world%is_root() .and. .not. allocated(error)) &
-               call begin(plan, number, runner, stored, file, groups(number), error)
+               call begin_group(plan, number, runner, stored, file, groups(number), error)
             call task%take_items(stored, error)
             call task%close(output%world, plan, stored, statistics(number), error)
             if (output%world%any_true(allocated(error))) return
@@ -141,25 +142,27 @@ contains
 
    contains
 
-      subroutine open_task(place)
-         integer, intent(in) :: place
+      !> Opens the statistics of the k-th case.
+      subroutine open_task(k)
+         integer, intent(in) :: k
 
-         call open_case(output%world, plan, numbers(place), tasks(modulo(place, 2)), runner%layout)
+         call open_case(output%world, plan, numbers(k), tasks(modulo(k, 2)), runner%layout)
       end subroutine open_task
 
    end subroutine write_cases
 
-   !> Writes a case up to its spectra: its group, and its samples' small data.
-   subroutine begin(plan, number, runner, stored, file, group, error)
+   !> Creates the group of a case and writes the short data of its samples: all but series, spectra,
+   !> histories and transitions.
+   subroutine begin_group(plan, number, runner, stored, file, group, error)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number   !! of the case
+      integer, intent(in) :: number   !! case number
       type(runner_type), intent(in) :: runner
       type(stored_samples), intent(in) :: stored
       type(hdf5_file), intent(in) :: file
       type(group_type), intent(out) :: group
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: folded_share(:)   ! (dof)
-      real(wp), allocatable :: force(:, :)       ! (0:n_steps, 1 or sample) [N], with histories
+      real(wp), allocatable :: force(:, :)       ! (0:n_steps, record) [N], only with histories
 
       associate (case => plan%cases(number))
          if (plan%output%history) then
@@ -171,14 +174,14 @@ contains
          folded_share = [real(wp) ::]
          if (plan%output%spectrum) folded_share = runner%folded_share(:, number)
          call begin_case(file, plan, number, runner%layout, folded_share, group, force)
-         call write_short(plan, number, stored, group, error)
+         call write_samples(plan, number, stored, group, error)
       end associate
-   end subroutine begin
+   end subroutine begin_group
 
-   !> Writes the small data of a case's samples to its group of a results file.
-   subroutine write_short(plan, number, stored, group, error)
+   !> Writes the short data of a case's samples.
+   subroutine write_samples(plan, number, stored, group, error)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number   !! of the case
+      integer, intent(in) :: number   !! case number
       type(stored_samples), intent(in) :: stored
       type(group_type), intent(inout) :: group
       type(error_type), allocatable, intent(out) :: error
@@ -193,12 +196,12 @@ contains
          if (allocated(error)) return
          call put_block(group, plan, samples)
       end do
-   end subroutine write_short
+   end subroutine write_samples
 
-   !> Compares the audit with the samples that it repeats, and writes it; for the root alone.
+   !> Compares an audit with the samples that it repeats, and writes the errors. Only for the root.
    subroutine finish_audit(plan, audit, layout, stored, file, error)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: audit   !! case number
+      integer, intent(in) :: audit   !! its case number
       type(spectrum_layout), intent(in) :: layout
       type(stored_samples), intent(in) :: stored
       type(hdf5_file), intent(in) :: file
@@ -219,23 +222,23 @@ contains
       call write_audit(file, plan, audit, reference, layout, errors, stored, error)
    end subroutine finish_audit
 
-   !> Compares the spectra of a case with those of its audit, a range of frequencies at a time.
+   !> Compares the spectra of an audit with those of its case, some frequencies at a time.
    subroutine compare_psd(plan, audit, n_frequencies, stored, errors, error)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: audit   !! case number
+      integer, intent(in) :: audit   !! its case number
       integer, intent(in) :: n_frequencies
       type(stored_samples), intent(in) :: stored
       type(numerical_error), intent(inout) :: errors
       type(error_type), allocatable, intent(out) :: error
       type(spectrum_comparison) :: comparison
       real(wp), allocatable :: tested(:, :, :), reference(:, :, :)   ! (dof, frequency, sample)
-      integer :: f, n_dof, together
+      integer :: f, n_dof, n_at_once
 
       n_dof = size(kept_dofs(plan))
-      together = frequencies_together(n_dof, n_frequencies)
+      n_at_once = frequencies_together(n_dof, n_frequencies)
       associate (audited => plan%cases(audit)%audits, n => plan%cases(audit)%n_samples)
-         do f = 1, n_frequencies, together
-            allocate (tested(n_dof, min(together, n_frequencies - f + 1), n))
+         do f = 1, n_frequencies, n_at_once
+            allocate (tested(n_dof, min(n_at_once, n_frequencies - f + 1), n))
             allocate (reference, mold=tested)
             call stored%read_part(audited, 'psd', [1, f, 1], tested, error)
             if (.not. allocated(error)) &

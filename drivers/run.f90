@@ -1,4 +1,4 @@
-!> `entroslip run`: everything a scene asks for, from its processes to the results file.
+!> `entroslip run`: solves the processes, marches the samples and writes the results file.
 module driver_run
    use campaign_plan, only: add_audits, plan_type
    use campaign_results, only: block_result, memory_of_block
@@ -11,13 +11,13 @@ module driver_run
    use core_kinds, only: long, wp
    use core_text, only: counted, duration, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
-   use driver_trial_runs, only: keep_targets, thin_spectra
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
    use driver_judge_results, only: judge, take_more, tell_errors
    use driver_output, only: open_output, output_type
    use driver_processes, only: solve_processes
    use driver_results, only: write_results
+   use driver_trial_runs, only: keep_targets, thin_spectra
    use io_files, only: exists
    use io_progress, only: progress_type
    use io_shards, only: write_shard
@@ -27,7 +27,7 @@ module driver_run
    use process_model, only: branch_note, process_model_type
    implicit none(type, external)
    private
-   public :: run, end_if_asked, march_campaign, prepare_march
+   public :: run, end_if_requested, march_campaign, prepare_march
 
 contains
 
@@ -66,32 +66,32 @@ contains
       if (choice /= '') call output%say(choice)
       call solve_processes(world, plan, output%is_quiet, models, output, error)
       call output%stop_on(error)
-      call end_if_asked(output)
+      call end_if_requested(output)
       call refuse_unsolved(plan, models, error)
       if (allocated(error) .and. world%is_root() .and. .not. output%is_shared) &
-         call remove_store(output%store, ignored)   ! there are no samples in it
+         call remove_store(output%store, ignored)   ! it has no samples
       call output%stop_on(error)
-      call tell_solutions(models, output)
+      call print_process_notes(models, output)
       if (plan%has_structure) then
          call prepare_march(world, plan, scene%force, runner, error)
          call output%stop_on(error)
          call march_until_met(models, runner, output)
          plan = runner%plan
          if (output%is_shared) then
-            call leave_merging(plan, output)
+            call end_shared_run(plan, output)
             return
          end if
       end if
       call write_results(plan, models, runner, output, error)
       call output%stop_on(error)
-      call conclude(plan, output)
+      call print_summary(plan, output)
       if (world%is_root()) call judge(output%path, plan, error)
       call output%stop_on(error)
       call output%end_run(exit_done)
    end subroutine run
 
-   !> Text on samples in the results beyond those that the scene asks for, and on estimates of them
-   !> that are not as the scene wants them; '' without.
+   !> Text on samples in the results beyond those that the scene asks for, and on estimates that
+   !> differ from those that the scene asks for; '' if there are none.
    pure function surplus_text(plan, output) result(text)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(in) :: output
@@ -105,10 +105,10 @@ contains
                                       ' samples, the scene asks for '//to_text(n_wanted)
       if (output%has_other_estimates) &
          text = text//'; its estimator or percentiles are not those of the scene: '// &
-                'campaign%n_samples = '//to_text(maxval(output%n_stored))//' has them made anew'
+                'campaign%n_samples = '//to_text(maxval(output%n_stored))//' computes them again'
    end function surplus_text
 
-   !> Refuses --share for a scene without samples.
+   !> Refuses --share for a scene without samples or with sample_until_met.
    subroutine check_share(line, plan, error)
       type(command_line), intent(in) :: line
       type(plan_type), intent(in) :: plan
@@ -121,8 +121,8 @@ contains
                     'is met: leave out accuracy%sample_until_met')
    end subroutine check_share
 
-   !> Ends one of several runs on an output: what it leaves is for a plain run to merge. Collective.
-   subroutine leave_merging(plan, output)
+   !> Ends a run with --share; a run without it merges the shards. Collective.
+   subroutine end_shared_run(plan, output)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
       type(error_type), allocatable :: error
@@ -135,20 +135,19 @@ contains
          if (n == 0) then
             call output%say('every sample is there: run without --share to make '//output%path)
          else
-            call output%say('nothing left to take: other runs have '// &
-                            counted(n, 'sample', 'samples')// &
-                            ', or left them; in the end, run without --share')
+            call output%say('no sample is left for this run: other runs march or left '// &
+                            counted(n, 'sample', 'samples')//'; at the end, run without --share')
          end if
       end if
       call output%end_run(exit_done)
-   end subroutine leave_merging
+   end subroutine end_shared_run
 
-   !> Prepares the marcher, the force record and the layout of the spectra, the same on every rank.
+   !> Prepares the marcher, the force record and the layout of the spectra on every rank.
    !> Collective.
    subroutine prepare_march(world, plan, force, runner, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(inout) :: plan
-      real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
+      real(wp), intent(in) :: force(0:, :)   !! (0:n_steps, record) force file [N]; else size 0
       type(runner_type), intent(out) :: runner
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: folded_share(:, :)
@@ -158,8 +157,8 @@ contains
       call move_alloc(folded_share, runner%folded_share)
    end subroutine prepare_march
 
-   !> Marches all samples of the plan, and more until its target is met. Ends the run on errors and
-   !> when asked to. Collective.
+   !> Marches all samples of the plan, and more until its target is met. Ends the run on an error or
+   !> a request to stop. Collective.
    subroutine march_until_met(models, runner, output)
       type(process_model_type), intent(in) :: models(:)
       type(runner_type), intent(inout) :: runner
@@ -173,15 +172,14 @@ contains
       do while (has_more)
          call march_campaign(models, runner, output, error)
          call output%stop_on(error)
-         call end_if_asked(output)
+         call end_if_requested(output)
          call take_more(models, increment, runner%plan, output, has_more, error)
          call output%stop_on(error)
       end do
    end subroutine march_until_met
 
-   !> Marches every sample that has no shard yet: ranks claim samples, march them, and keep them as
-   !> shards. Ends when all are done, or early when a rank is asked to stop or meets an error.
-   !> Collective.
+   !> Marches every sample that is not stored yet: ranks claim samples, march them and write shards.
+   !> Returns when all are done, or early after a request to stop or an error. Collective.
    subroutine march_campaign(models, runner, output, error)
       type(process_model_type), intent(in) :: models(:)
       type(runner_type), intent(inout) :: runner
@@ -199,35 +197,35 @@ contains
       do
          item = counter%next(stops=time_to_stop() .or. allocated(error))
          if (item == 0) exit
-         ! samples of the claims before, without what other ranks still march
+         ! samples of earlier claims, except the last n_ranks, which may still be marched
          call progress%show(sum(claims(:max(item - output%world%n_ranks, 0))%n_samples()) &
                             + count(output%is_finished))
          associate (ranges => claims(item)%ranges)
-            if (.not. output%take(ranges(1))) cycle
+            if (.not. output%claim(ranges(1))) cycle
             call march_claim(models, ranges, runner, output%store, error)
             if (.not. allocated(error)) call output%lock%keep(error)
-            call output%give_back(ranges(1))
+            call output%release(ranges(1))
          end associate
       end do
       call counter%close()
       call progress%finish()
    end subroutine march_campaign
 
-   !> Marches the samples of a claim block by block: a range, or several side by side in one block.
-   !> They become shards when the last one is finished, a minute has passed, or too much is held.
+   !> Marches the samples of a claim block by block: one range, or several ranges as one block.
+   !> Writes shards at the end, after each minute, and when the finished blocks take much memory.
    subroutine march_claim(models, ranges, runner, store, error)
       type(process_model_type), intent(in) :: models(:)
       type(block_range), intent(in) :: ranges(:)
       type(runner_type), intent(inout) :: runner
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: longest = 60.0_wp        ! [s] that a kill may cost
-      integer(long), parameter :: most = 2_long**26   ! bytes that are held
+      real(wp), parameter :: longest = 60.0_wp        ! time between shards [s]
+      integer(long), parameter :: most = 2_long**26   ! memory of finished blocks [bytes]
       type(block_result), allocatable :: finished(:)
-      type(error_type), allocatable :: own_error
-      type(block_range) :: block(size(ranges))   ! of each range a part
+      type(error_type), allocatable :: shard_error
+      type(block_range) :: block(size(ranges))   ! part of each range
       real(wp), allocatable :: friction(:, :)
-      real(wp) :: began
+      real(wp) :: began   ! time of the last shard [s]
       integer :: n, width
 
       width = block_width(runner%plan)
@@ -244,20 +242,20 @@ contains
          n = n + 1
          if (seconds_so_far() - began > longest .or. &
              sum(memory_of_block(finished(:n))) > most) then
-            call keep_blocks(store, ranges, finished(:n), error)
+            call write_blocks(store, ranges, finished(:n), error)
             if (allocated(error)) return
             began = seconds_so_far()
             n = 0
          end if
          block%first = block%last + 1
       end do
-      if (n > 0) call keep_blocks(store, ranges, finished(:n), own_error)
-      if (.not. allocated(error)) call move_alloc(own_error, error)
+      if (n > 0) call write_blocks(store, ranges, finished(:n), shard_error)
+      if (.not. allocated(error)) call move_alloc(shard_error, error)
    end subroutine march_claim
 
-   !> Writes consecutive blocks of a range as one shard, or of a block of several ranges a shard for
-   !> each.
-   subroutine keep_blocks(store, ranges, blocks, error)
+   !> Writes consecutive blocks of one range as one shard, or one block of several ranges as a shard
+   !> for each range.
+   subroutine write_blocks(store, ranges, blocks, error)
       type(shard_store), intent(in) :: store
       type(block_range), intent(in) :: ranges(:)
       type(block_result), intent(inout) :: blocks(:)
@@ -274,19 +272,19 @@ contains
          call write_shard(store, blocks, error)
          if (allocated(error)) return
       end do
-   end subroutine keep_blocks
+   end subroutine write_blocks
 
-   !> Ends the run, what is finished kept, when any rank has been asked to stop; collective.
-   subroutine end_if_asked(output)
+   !> Ends the run if any rank was requested to stop; finished work is kept. Collective.
+   subroutine end_if_requested(output)
       type(output_type), intent(inout) :: output
 
       if (.not. output%world%any_true(time_to_stop())) return
       call output%say('stopped early; what is finished is safe: start again to continue')
       call output%end_run(exit_stopped)
-   end subroutine end_if_asked
+   end subroutine end_if_requested
 
-   !> Prints what was done, how long it took, and its errors. Collective.
-   subroutine conclude(plan, output)
+   !> Prints the summary of the run, its duration and the errors of the results. Collective.
+   subroutine print_summary(plan, output)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(inout) :: output
       character(:), allocatable :: errors
@@ -301,14 +299,14 @@ contains
       call output%say(duration(seconds_so_far())//errors)
       if (exists(output%store%folder)) &
          call output%say('samples beyond these stay in '//output%store%folder)
-   end subroutine conclude
+   end subroutine print_summary
 
-   !> Line on what was done.
+   !> Line on the numbers of processes, cases and samples in the results.
    pure function summary(plan, output) result(text)
       type(plan_type), intent(in) :: plan
       type(output_type), intent(in) :: output
       character(:), allocatable :: text
-      logical :: is_own(size(plan%cases))   ! and no audit
+      logical :: is_own(size(plan%cases))   ! true if the case is not an audit
 
       is_own = plan%cases%audits == 0
       text = ''
@@ -322,8 +320,8 @@ contains
       text = text(3:)//' in '//output%path
    end function summary
 
-   !> Tells which processes have alternating K(m), and which have no solution and why.
-   subroutine tell_solutions(models, output)
+   !> Prints the processes that have no solution, with the reason, and those with alternating K(m).
+   subroutine print_process_notes(models, output)
       type(process_model_type), intent(in) :: models(:)
       type(output_type), intent(in) :: output
       integer :: i
@@ -336,6 +334,6 @@ contains
          if (len(branch_note(models(i))) > 0) &
             call output%say('process '//to_text(i)//': '//branch_note(models(i)))
       end do
-   end subroutine tell_solutions
+   end subroutine print_process_notes
 
 end module driver_run

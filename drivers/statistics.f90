@@ -1,4 +1,5 @@
-!> The statistics of a case over its samples, in memory that does not grow with their number.
+!> Plain statistics of a case over its samples. The ranks share the work; the memory does not grow
+!> with the number of samples.
 module driver_statistics
    use campaign_bands, only: band_collector, start_bands
    use campaign_columns, only: column_collector, start_columns
@@ -18,19 +19,19 @@ module driver_statistics
    private
    public :: case_task, open_case
 
-   integer, parameter :: most_slices = 32   !! of the frequencies, shared out over the ranks
-   integer, parameter :: samples_together = 64   !! whose slip series are read at once
+   integer, parameter :: most_slices = 32       !! largest number of slices of the frequencies
+   integer, parameter :: samples_at_once = 64   !! samples whose slip series are read at once
 
-   !> The statistics of one case in the making: `open_case`, then every rank takes items when it has
-   !> time, then `close`. An item is a slice of the frequencies of a group of samples, or the joints
-   !> of a group.
+   !> Statistics of one case: `open_case`, then every rank takes items when it has time, then
+   !> `close`. An item is a slice of the frequencies of a group of samples, or all numbers of a
+   !> group.
    type :: case_task
-      integer, private :: number = 0             !! of the case
-      logical, private :: has_spans = .false.
-      integer, private :: width = 0              !! frequencies of a slice
-      integer, private :: n_slices = 0           !! of all frequencies; 0: without spectra
+      integer, private :: number = 0               !! case number
+      logical, private :: has_spans = .false.      !! true with slip series
+      integer, private :: width = 0                !! frequencies of a slice
+      integer, private :: n_slices = 0             !! slices of all frequencies; 0: no spectra
       type(band_collector), private :: bands
-      type(column_collector), private :: numbers   !! as numbers_of has them; one sample: no groups
+      type(column_collector), private :: numbers   !! in the order of numbers_of
       type(span_collector), private :: spans
       type(work_counter), private :: counter
    contains
@@ -40,13 +41,13 @@ module driver_statistics
 
 contains
 
-   !> Shares out the statistics of a case among the ranks. Collective.
+   !> Prepares the statistics of a case and divides them into items. Collective.
    subroutine open_case(world, plan, number, task, layout)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number
+      integer, intent(in) :: number   !! case number
       type(case_task), intent(out) :: task
-      type(spectrum_layout), intent(in), optional :: layout   !! absent: without spectra
+      type(spectrum_layout), intent(in), optional :: layout   !! absent: no statistics of spectra
       integer :: n_dof, n_numbers, n_samples
 
       task%number = number
@@ -73,7 +74,7 @@ contains
       call new_counter(world, (task%n_slices + 1)*task%numbers%n_groups, task%counter)
    end subroutine open_case
 
-   !> Takes items until none is left; an error keeps all ranks from going on.
+   !> Computes items until none is left; an error of any rank ends this on all ranks.
    subroutine take_items(self, stored, error)
       class(case_task), intent(inout) :: self
       type(stored_samples), intent(in) :: stored
@@ -86,14 +87,14 @@ contains
          slice = modulo(item - 1, self%n_slices + 1) + 1
          group = (item - 1)/(self%n_slices + 1) + 1
          if (slice > self%n_slices) then
-            call add_joints(self, stored, group, error)
+            call add_numbers(self, stored, group, error)
          else
             call add_slice(self, stored, group, slice, error)
          end if
       end do
    end subroutine take_items
 
-   !> Joins what all ranks have found, for every rank. Collective.
+   !> Adds up the items of all ranks and finishes the statistics, equal on every rank. Collective.
    subroutine close_case(self, world, plan, stored, statistics, error)
       class(case_task), intent(inout) :: self
       type(world_type), intent(in) :: world
@@ -103,12 +104,12 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       call self%counter%close()
-      if (world%any_true(allocated(error)) .or. self%numbers%n_groups == 0) return
+      if (world%any_true(allocated(error)) .or. self%numbers%n_groups == 0) return   ! one sample
       call join_columns(world, stored, self, .false., self%numbers, error)
       if (world%any_true(allocated(error))) return
       call world%add_up(size(self%spans%common), self%spans%common)
       call world%add_up(size(self%spans%autocovariance), self%spans%autocovariance)
-      call finish_joints(self, plan, statistics)
+      call finish_numbers(self, plan, statistics)
       if (self%n_slices == 0) return
       associate (bands => self%bands)
          call world%add_up(size(bands%influence), bands%influence)
@@ -120,9 +121,9 @@ contains
       if (.not. allocated(error)) call self%bands%finish(statistics)
    end subroutine close_case
 
-   !> Joins what all ranks have of some columns, numbers of the joints or densities; where they come
-   !> in groups, selects the percentiles of all samples, of as many ranges of frequencies at once as
-   !> keep all ranks busy. Collective.
+   !> Adds up columns, numbers or densities, over the ranks. With several groups of samples selects
+   !> the percentiles of all samples, of enough frequencies at once to keep all ranks busy.
+   !> Collective.
    subroutine join_columns(world, stored, task, are_densities, columns, error)
       type(world_type), intent(in) :: world
       type(stored_samples), intent(in) :: stored
@@ -132,7 +133,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(selection_type) :: selection
       real(wp), allocatable :: counts(:, :, :), kept(:)
-      integer :: c, first, last, n_columns, n_frequencies, p, range, together
+      integer :: c, first, last, n_at_once, n_columns, n_frequencies, p, range
       logical :: is_done
 
       call world%add_up(size(columns%sums), columns%sums)
@@ -142,13 +143,13 @@ contains
       if (are_densities) n_columns = task%bands%n_dof
       n_frequencies = size(columns%at, 1)/n_columns
       range = frequencies_together(n_columns, n_frequencies)
-      together = range*(1 + world%n_ranks/columns%n_groups)
-      do first = 1, n_frequencies, together
-         last = min(first + together - 1, n_frequencies)
+      n_at_once = range*(1 + world%n_ranks/columns%n_groups)
+      do first = 1, n_frequencies, n_at_once
+         last = min(first + n_at_once - 1, n_frequencies)
          call columns%open_selection(n_columns*(first - 1) + 1, n_columns*last, selection)
          is_done = .false.
          do while (.not. is_done)
-            call add_all()
+            call count_all()
             if (world%any_true(allocated(error))) return
             counts = selection%counts
             call world%add_up(size(counts), counts)
@@ -166,8 +167,8 @@ contains
 
    contains
 
-      !> Adds the columns of all samples at frequencies first..last. Collective.
-      subroutine add_all()
+      !> Adds the values of all samples at frequencies first..last to the selection. Collective.
+      subroutine count_all()
          type(work_counter) :: counter
          real(wp), allocatable :: values(:, :, :)   ! (column, frequency, sample)
          integer :: column, f, from, group, item, n_ranges
@@ -199,12 +200,12 @@ contains
             deallocate (values)
          end do
          call counter%close()
-      end subroutine add_all
+      end subroutine count_all
 
    end subroutine join_columns
 
-   !> Adds the joints of a group of samples, and their slip series.
-   subroutine add_joints(self, stored, group, error)
+   !> Adds the numbers and the slip series of a group of samples.
+   subroutine add_numbers(self, stored, group, error)
       class(case_task), intent(inout) :: self
       type(stored_samples), intent(in) :: stored
       integer, intent(in) :: group
@@ -223,23 +224,23 @@ contains
          end do
          if (.not. self%has_spans) return
          last = numbers%group_first(group + 1) - 1
-         do i = numbers%group_first(group), last, samples_together
+         do i = numbers%group_first(group), last, samples_at_once
             allocate (series(size(self%spans%common, 2), size(self%spans%common, 1), &
-                             min(samples_together, last - i + 1)))
+                             min(samples_at_once, last - i + 1)))
             call stored%read_part(self%number, 'slip_series', [1, 1, i], series, error)
             if (allocated(error)) return
             call self%spans%add(group, series)
             deallocate (series)
          end do
       end associate
-   end subroutine add_joints
+   end subroutine add_numbers
 
-   !> Reads the numbers of some samples that have statistics.
+   !> Reads the numbers of consecutive samples.
    subroutine read_numbers(stored, number, first, values, error)
       type(stored_samples), intent(in) :: stored
-      integer, intent(in) :: number          !! of the case
-      integer, intent(in) :: first           !! sample
-      real(wp), intent(out) :: values(:, :)  !! (number, sample) as numbers_of has them
+      integer, intent(in) :: number          !! case number
+      integer, intent(in) :: first           !! number of the first sample
+      real(wp), intent(out) :: values(:, :)  !! (number, sample) in the order of numbers_of
       type(error_type), allocatable, intent(out) :: error
       type(block_result) :: samples
 
@@ -247,7 +248,8 @@ contains
       if (.not. allocated(error)) values = numbers_of(samples)
    end subroutine read_numbers
 
-   subroutine finish_joints(self, plan, statistics)
+   !> Computes the statistics of the numbers and, with slip series, the time-average error.
+   subroutine finish_numbers(self, plan, statistics)
       class(case_task), intent(in) :: self
       type(plan_type), intent(in) :: plan
       type(case_statistics), intent(inout) :: statistics
@@ -259,12 +261,13 @@ contains
          call self%numbers%finish(statistics%numbers(:, :last - 1), statistics%numbers(:, last))
       end associate
       associate (slip => statistics%numbers(:statistics%n_joints, :))
-         slip%high = min(slip%high, 1.0_wp)   ! an end beyond the samples knows no fraction
+         slip%high = min(slip%high, 1.0_wp)   ! an interval may end above the largest fraction
       end associate
       if (.not. self%has_spans) return
       call self%spans%finish(statistics%n_samples, statistics)
-      if (plan%excitation%per_sample) statistics%slip_mean_time_error = 0.0_wp   ! samples lower it
-   end subroutine finish_joints
+      ! with a record per sample it is part of the Monte Carlo error
+      if (plan%excitation%per_sample) statistics%slip_mean_time_error = 0.0_wp
+   end subroutine finish_numbers
 
    !> Adds the spectra of a group of samples at a slice of the frequencies.
    subroutine add_slice(self, stored, group, slice, error)
@@ -274,16 +277,16 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: psd(:, :, :)     ! (dof, frequency, sample)
       real(wp), allocatable :: power(:, :, :)   ! (dof, batch and range, sample)
-      integer :: f, last, n_dof, n_samples, place, together
+      integer :: f, last, n_at_once, n_dof, n_samples, place
 
       n_dof = self%bands%n_dof
       n_samples = self%bands%columns%group_size(group)
-      together = frequencies_together(n_dof, self%bands%n_frequencies)
+      n_at_once = frequencies_together(n_dof, self%bands%n_frequencies)
       last = min(slice*self%width, self%bands%n_frequencies)
       associate (bands => self%bands, first => self%bands%columns%group_first(group))
-         do f = (slice - 1)*self%width + 1, last, together
+         do f = (slice - 1)*self%width + 1, last, n_at_once
             call attend_to_others()
-            allocate (psd(n_dof, min(together, last - f + 1), n_samples))
+            allocate (psd(n_dof, min(n_at_once, last - f + 1), n_samples))
             call stored%read_part(self%number, 'psd', [1, f, first], psd, error)
             if (.not. allocated(error) .and. allocated(bands%batches%variance)) then
                place = bands%first_of_power(f)

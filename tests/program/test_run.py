@@ -29,7 +29,7 @@ def test_a_finished_scene_has_nothing_to_do(entroslip, small_scene, tmp_path):
 
 
 def test_a_missing_folder_is_made_and_named(entroslip, small_scene, tmp_path):
-    """A refused run leaves none behind."""
+    """A refused run makes no folder."""
     done = entroslip("run", small_scene, "--output", "some/where/s.h5")
     assert done.returncode == 0, done.stderr
     assert "made the folder some/where" in done.stdout
@@ -42,7 +42,7 @@ def test_a_missing_folder_is_made_and_named(entroslip, small_scene, tmp_path):
 
 
 def test_other_percentiles_are_taken_up(entroslip, small_scene, tmp_path):
-    """Of the same samples: nothing is marched again."""
+    """The statistics of the same samples are computed again; no sample is marched."""
     assert entroslip("run", small_scene, "--output", "p.h5").returncode == 0
     done = entroslip("run", small_scene, "--output", "p.h5", "--set", "output%percentiles=10,90")
     assert done.returncode == 0, done.stderr
@@ -56,7 +56,7 @@ def test_other_percentiles_are_taken_up(entroslip, small_scene, tmp_path):
 
 
 def test_many_percentiles_ascend(entroslip, tmp_path):
-    """Each is estimated by itself: some had crossed, ends of intervals too."""
+    """Percentiles are estimated one by one; they and their intervals must ascend."""
     (tmp_path / "many.nml").write_text("""\
 &process correlation_length = 1.0 order = 1 mean = 0.2 std = 0.067 /
 &chain n_dof = 3 /
@@ -83,7 +83,7 @@ def test_many_percentiles_ascend(entroslip, tmp_path):
 def test_estimates_of_more_samples_are_told_where_they_are_not_those_asked_for(
     entroslip, small_scene
 ):
-    """Fewer samples leave a file as it is; so stay its percentiles, without a word before."""
+    """A file with more samples than the scene is not changed; the run says so."""
     asked = ("--set", "output%percentiles=10,90")
     fewer = ("--set", "campaign%n_samples=4")
     assert entroslip("run", small_scene, "--output", "p.h5").returncode == 0
@@ -92,7 +92,7 @@ def test_estimates_of_more_samples_are_told_where_they_are_not_those_asked_for(
     done = entroslip("run", small_scene, "--output", "p.h5", *asked, *fewer)
     assert done.returncode == 0, done.stderr
     assert "its estimator or percentiles are not those of the scene" in done.stdout
-    assert "campaign%n_samples = 6 has them made anew" in done.stdout
+    assert "campaign%n_samples = 6 computes them again" in done.stdout
     again = entroslip("run", small_scene, "--output", "p.h5", *asked)
     assert "14 of 14 samples are there" in again.stdout
 
