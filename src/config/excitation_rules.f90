@@ -123,7 +123,7 @@ contains
                              'must be at least '// &
                              to_text(n_discard + ceiling(min(fewest_steps, largest), long))// &
                              ': twice '//to_text(periods_of_window)//' periods of the lowest '// &
-                             'frequency behind n_discard, to see whether they repeat')
+                             'frequency after n_discard, to see whether they repeat')
       end associate
    end subroutine check_sines
 

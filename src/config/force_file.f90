@@ -69,7 +69,7 @@ contains
                call table%refuse_row(i, 'time', to_text(table%value(1, i)), 'must be '// &
                                      rounded_text(time, 12)//', '// &
                                      to_text(i - 1)//' times integration%dt = '//to_text(dt)// &
-                                     ' behind the first', complaints)
+                                     ' after the first', complaints)
          end if
       end do
       if (n_bad > max_shown) &

@@ -77,7 +77,7 @@ contains
             call require(shared%second_length > 0.0_wp, 'second_length', &
                          "must be positive with correlation = 'both'")
             call require(shared%method == 'autoregressive', 'correlation', &
-                         "must be 'L0' or 'L1' but with method = 'autoregressive'")
+                         "must be 'L0' or 'L1' unless method = 'autoregressive'")
          end if
          if (shared%method == 'direct') then
             call require(shared%inversion_half_width == 0 .or. &
@@ -85,7 +85,7 @@ contains
                          'inversion_half_width', 'must be 0 or at least order')
          else
             call require(all(this%orders <= highest_ar_order), 'order', 'must be at most '// &
-                         to_text(highest_ar_order)//", but with method = 'direct'")
+                         to_text(highest_ar_order)//" unless method = 'direct'")
          end if
          if (reader%was_given('process', 'mean', i)) &
             call require(.not. shared%positive .or. shared%mean > 0.0_wp, 'mean', &
@@ -213,7 +213,8 @@ contains
                                 'sample_until_met', 'needs a target_statistical')
             call reader%require(.not. (scene%excitation%per_sample .and. &
                                        scene%excitation%kind == 'file'), 'accuracy', &
-                                'sample_until_met', 'needs forces without end: a file has so many')
+                                'sample_until_met', 'needs an unlimited number of force '// &
+                                'records: a file has a fixed number')
          end if
          if (.not. accuracy%target_statistical > 0.0_wp) return
          call reader%require(scene%output%keeps('slip'), 'accuracy', 'target_statistical', &

@@ -136,7 +136,7 @@ contains
          call reader%require(scene%has_motion(), 'process', 'values', &
                              'needs &chain or &structure', number=i)
          call reader%require(.not. allocated(scene%values), 'process', 'values', &
-                             'must stand in one &process alone', number=i)
+                             'must be given in one &process only', number=i)
          do j = 1, size(law_names)
             call reader%require(.not. reader%was_given('process', trim(law_names(j)), i), &
                                 'process', trim(law_names(j)), 'must be absent with values', &
@@ -191,7 +191,7 @@ contains
                           'must be at most '//to_text(table%n_rows)// &
                           ', the samples of process%values')
       call reader%require(.not. scene%accuracy%sample_until_met, 'accuracy', 'sample_until_met', &
-                          'needs samples without end: process%values has so many')
+                          'needs an unlimited number of samples: process%values has a fixed number')
    end subroutine read_values
 
 end module config_structure_rules

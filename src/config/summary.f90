@@ -1,7 +1,7 @@
 !> Text of `entroslip check`: the parts of a scene that a run computes, and their cost.
 module config_summary
-   use campaign_plan, only: add_audits, integration_settings, plan_type, reference_for, &
-                            repeats_samples
+   use campaign_plan, only: add_audits, case_type, integration_settings, plan_type, &
+                            reference_for, repeats_samples
    use campaign_pooling, only: case_pool, estimators_of, find_pools
    use campaign_size, only: memory_of_rank, results_size
    use config_fingerprint, only: fingerprint
@@ -108,50 +108,38 @@ contains
    function case_table(plan, level) result(text)
       type(plan_type), intent(in) :: plan
       character(*), intent(in) :: level   !! name of the value that the force levels differ in
-      character(:), allocatable :: text, numbers, name
-      integer :: first, last, n_rows
+      character(:), allocatable :: levels, name, numbers, text
+      integer :: first, n_levels
 
+      n_levels = count(plan%cases%process == plan%cases(1)%process)
+      levels = levels_text(plan%cases(:n_levels))
       text = 'case       process  samples  '//level//line_feed
-      n_rows = 0
-      first = 1
-      do while (first <= size(plan%cases))
-         last = first
-         do while (last < size(plan%cases))
-            if (plan%cases(last + 1)%process /= plan%cases(first)%process) exit
-            last = last + 1
-         end do
-         n_rows = n_rows + 1
-         if (n_rows > max_rows) then
+      do first = 1, size(plan%cases), n_levels
+         if (first > max_rows*n_levels) then
             text = text//'... and '//to_text(size(plan%cases) - first + 1)//' more'//line_feed
             exit
          end if
          numbers = numbered('c', first)
-         if (last > first) numbers = numbers//'-'//numbered('c', last)
+         if (n_levels > 1) numbers = numbers//'-'//numbered('c', first + n_levels - 1)
          name = 'none'
-         if (plan%cases(first)%process > 0) name = numbered('p', plan%cases(first)%process)
-         text = text//padded(numbers, 11)//padded(name, 9)// &
-                padded(to_text(plan%cases(first)%n_samples), 9)// &
-                levels_text(plan, first, last)//line_feed
-         first = last + 1
+         associate (case => plan%cases(first))
+            if (case%process > 0) name = numbered('p', case%process)
+            text = text//padded(numbers, 11)//padded(name, 9)//padded(to_text(case%n_samples), 9) &
+                   //levels//line_feed
+         end associate
       end do
    end function case_table
 
-   !> Force levels of the cases from first to last; of sines the amplitudes and frequencies.
-   pure function levels_text(plan, first, last) result(text)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: first, last
+   !> Force levels of the cases of one process; of sines the amplitudes and frequencies.
+   pure function levels_text(cases) result(text)
+      type(case_type), intent(in) :: cases(:)
       character(:), allocatable :: text
-      real(wp) :: levels(last - first + 1)
       integer :: n
 
-      levels = plan%cases(first:last)%strength
-      if (plan%excitation%kind == 'sine') then
-         n = count(abs(levels - levels(1)) <= 0.0_wp)   ! frequencies; they vary fastest
-         text = shortened(levels(::n))//', each at '// &
-                shortened(plan%cases(first:first + n - 1)%frequency)//' Hz'
-      else
-         text = shortened(levels)
-      end if
+      text = shortened(cases%strength)
+      if (.not. any(cases%frequency > 0.0_wp)) return
+      n = count(abs(cases%strength - cases(1)%strength) <= 0.0_wp)   ! number of frequencies
+      text = shortened(cases(::n)%strength)//', each at '//shortened(cases(:n)%frequency)//' Hz'
    end function levels_text
 
    !> List of numbers; a long one is abbreviated by dots.
@@ -223,7 +211,7 @@ contains
    function motion_text(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text, method, steps
-      !> Steps per period of the fastest mode: Newmark's period error (omega dt)^2/12 is 3 %.
+      !> Fewest steps per period of the fastest mode: the period error (omega dt)^2/12 is then 3 %
       real(wp), parameter :: fewest_steps = 10.0_wp
       real(wp) :: span, steps_per_period
 

@@ -1,4 +1,4 @@
-!> Scenes as text for the tests of this floor, and what is complained of in them.
+!> Scenes as text for the tests of this floor, and their complaints.
 module scene_texts
    use config_scene, only: complaint_list, parse_scene, scene_type
    use core_source, only: new_source
@@ -11,7 +11,7 @@ module scene_texts
 
 contains
 
-   !> One complaint a line, without the excerpts; empty when the scene is accepted.
+   !> Complaints, one per line, without excerpts; empty if the scene is accepted.
    function complaints_on(text, overrides) result(lines)
       character(*), intent(in) :: text
       character(*), intent(in), optional :: overrides(:)
@@ -34,6 +34,7 @@ contains
       lines = lines(:len(lines) - 1)
    end function complaints_on
 
+   !> Reads a scene from a text.
    subroutine read_text(text, scene, complaints, overrides)
       character(*), intent(in) :: text
       type(scene_type), intent(out) :: scene
@@ -47,7 +48,7 @@ contains
       end if
    end subroutine read_text
 
-   !> Scenes of several lines that are accepted while the entries are; they stand on line 1.
+   !> Complete scenes around the entries of one group, which are on line 1.
    pure function with_process(entries) result(text)
       character(*), intent(in) :: entries
       character(:), allocatable :: text

@@ -245,7 +245,7 @@ contains
                   index(self%text_of(token), '#') == 1) then
             rule = self%rule_on(token, 'is not expected among values')
          else if (token%first > token%last) then
-            rule = 'a value is missing behind the *'
+            rule = 'a value is missing after the *'
          else if (token%repeat < 1) then
             rule = 'a value cannot be repeated 0 times'
          else if (n + token%repeat > max_length) then
