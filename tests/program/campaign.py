@@ -1,4 +1,4 @@
-"""A small campaign to be interrupted: its scene, its runs, what they leave behind."""
+"""A small campaign to be interrupted: its scene, its runs and the files that they leave."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SCENE = """\
 
 
 def processes_of(token: str) -> list[int]:
-    """Every living process whose environment has the token; zombies have none."""
+    """Running processes whose environment has the token; zombies have no environment."""
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -37,7 +37,7 @@ def processes_of(token: str) -> list[int]:
 
 
 def is_gone(pid: int) -> bool:
-    """Its files are closed and its locks given back; its environment goes long before."""
+    """True if a process has closed its files and locks; its environment disappears earlier."""
     try:
         state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     except OSError:
@@ -47,7 +47,7 @@ def is_gone(pid: int) -> bool:
 
 @dataclass
 class Run:
-    """One run under way, alone (n_ranks = 0) or under mpirun."""
+    """A running program, alone (n_ranks = 0) or under mpirun."""
 
     program: Path
     arguments: list[str]
@@ -67,7 +67,7 @@ class Run:
         )  # fmt: skip
 
     def ranks(self) -> list[int]:
-        """Process numbers of the ranks that have been started."""
+        """Process numbers of the ranks that have started."""
         if not self.n_ranks:
             return [self.process.pid]
         return [pid for pid in processes_of(self.token) if pid != self.process.pid]
@@ -81,7 +81,7 @@ class Run:
                 continue
 
     def wait(self, timeout: float = 300.0) -> tuple[int, str, str]:
-        """Exit code and output, when the last process of the run is gone."""
+        """Exit code and output, after the last process of the run has ended."""
         output, errors = self.process.communicate(timeout=timeout)
         limit = time.monotonic() + timeout
         while processes_of(self.token) or not all(map(is_gone, self.signalled)):
@@ -90,7 +90,7 @@ class Run:
         return self.process.returncode, output, errors
 
     def stop(self, number: int, pids: list[int]) -> str:
-        """What a run says that a signal stops in an orderly way, to be continued."""
+        """Sends a signal; returns the output of a run that ends early and can be continued."""
         self.signal(number, pids)
         code, output, errors = self.wait()
         assert code == STOPPED, errors
@@ -98,7 +98,7 @@ class Run:
 
 
 def shards_of(output: Path, pattern: str = "c*.h5") -> dict[str, tuple[int, int]]:
-    """Finished shards: a rewritten one has another inode or time."""
+    """Inode and time of each finished shard; both differ if it is rewritten."""
     found = {}
     with contextlib.suppress(FileNotFoundError):  # the folder is gone: the results are there
         for path in Path(f"{output}.shards").glob(pattern):
@@ -109,7 +109,7 @@ def shards_of(output: Path, pattern: str = "c*.h5") -> dict[str, tuple[int, int]
 
 
 def processes_kept(output: Path) -> dict[str, tuple[int, int]]:
-    """The same of solved processes."""
+    """Inode and time of each stored process."""
     return shards_of(output, "process_p*.h5")
 
 

@@ -1,4 +1,4 @@
-"""Campaigns of a test module's own scene, its text SCENE."""
+"""Fixtures that run the scene SCENE of a test module."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.program.campaign import Run
 
 @pytest.fixture(scope="module")
 def reference(request, program, tmp_path_factory):
-    """Results of the uninterrupted campaign, on one rank."""
+    """Results of the uninterrupted campaign on one rank."""
     folder = tmp_path_factory.mktemp("reference")
     (folder / "scene.nml").write_text(request.module.SCENE)
     run = Run(program, ["run", "scene.nml", "--output", "r.h5"], folder, ENVIRONMENT)
@@ -23,7 +23,7 @@ def reference(request, program, tmp_path_factory):
 
 @pytest.fixture
 def campaign(request, program, tmp_path):
-    """Starts the campaign in a folder of its own: campaign(n_ranks, more arguments)."""
+    """Starts the campaign in its own folder: campaign(n_ranks, further arguments)."""
     (tmp_path / "scene.nml").write_text(request.module.SCENE)
 
     def start(n_ranks: int = 0, *more: str) -> Run:

@@ -23,7 +23,7 @@ printf '%s\\n' "$@" '' >>"$PBS_QUEUE"
 
 @dataclass
 class Job:
-    """A job that runs."""
+    """A running job."""
 
     process: subprocess.Popen[str]
 
@@ -32,7 +32,7 @@ class Job:
         return self.process.returncode, output
 
     def end_by_force(self, delay: float) -> None:
-        """As at the wall time, or by qdel."""
+        """Ends the job as PBS does at the wall time or after qdel."""
         os.killpg(self.process.pid, signal.SIGTERM)
         with contextlib.suppress(subprocess.TimeoutExpired):
             self.process.wait(timeout=delay)
@@ -41,7 +41,7 @@ class Job:
 
 
 class Pbs:
-    """A queue of jobs that run when the test says so."""
+    """A queue whose jobs run when the test starts them."""
 
     def __init__(self, folder: Path, environment: dict[str, str], n_ranks: int) -> None:
         self.folder = folder
@@ -62,7 +62,7 @@ class Pbs:
         }
 
     def waiting(self) -> list[list[str]]:
-        """The words of each qsub so far, which leave the queue by this."""
+        """Arguments of each qsub so far; removes them from the queue."""
         if not self.queue.exists():
             return []
         text = self.queue.read_text()
@@ -70,7 +70,7 @@ class Pbs:
         return [job.split("\n") for job in text.split("\n\n") if job]
 
     def start(self, words: list[str], **more: str) -> Job:
-        """Starts what `qsub WORDS` submitted: -v LIST SCRIPT."""
+        """Starts the job of `qsub -v LIST SCRIPT`."""
         option, settings, script = words
         assert option == "-v"
         self.n_jobs += 1

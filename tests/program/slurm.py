@@ -1,4 +1,4 @@
-"""Slurm on this machine alone: one controller, one node, nothing outside one folder."""
+"""Slurm on one machine: one controller and one node, with all files in one folder."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
 
 
 def missing() -> list[str]:
-    """Programs that are not installed; daemons lie where only root looks."""
+    """Programs of Slurm that are not installed; its daemons are in folders of root."""
     return [name for name in NEEDED if not where(name)]
 
 
@@ -68,7 +68,7 @@ def free_ports(count: int) -> list[int]:
 
 
 class Slurm:
-    """Daemons in the foreground, children of the test; `stop` ends these and no others."""
+    """Daemons as child processes of the test; `stop` ends only these."""
 
     def __init__(self, folder: Path, environment: dict[str, str]) -> None:
         self.folder = folder
@@ -125,7 +125,7 @@ class Slurm:
         return done.stdout + done.stderr
 
     def state(self, job: str) -> str:
-        """PENDING, RUNNING, COMPLETED, ... of a job; of an array, of all its members."""
+        """State of a job, such as RUNNING, or the states of all members of an array."""
         words = self.ask("show", "job", job).split()
         return " ".join(word.partition("=")[2] for word in words if word.startswith("JobState="))
 

@@ -1,4 +1,4 @@
-"""A pseudo-terminal for a command to write to."""
+"""A pseudo-terminal as the output of a command."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 def said_on_a_terminal(
     command: Sequence[str | Path], stream: str, **options: object
 ) -> tuple[int, str]:
-    """Exit code, and what the command writes to `stream` ("stdout", "stderr"), a terminal."""
+    """Exit code and output of a command whose `stream` ("stdout" or "stderr") is a terminal."""
     reader, writer = pty.openpty()
     process = subprocess.Popen(command, **{**options, stream: writer})
     os.close(writer)

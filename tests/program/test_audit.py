@@ -1,4 +1,4 @@
-"""Audits: what is repeated, what it tells, and that nothing finished is repeated again."""
+"""Audits: the repeated samples, the errors found, and resumed audits."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def scene(tmp_path):
 
 
 def test_an_audit_tells_the_true_error(entroslip, scene, tmp_path):
-    """The samples repeated are those of a run with the reference itself, bit for bit."""
+    """The repeated samples equal those of a run with the reference method, bit for bit."""
     assert entroslip("run", scene, "--output", "a.h5").returncode == 0
     other = entroslip("run", scene, "--output", "b.h5", *REFERENCE)
     assert other.returncode == 0, other.stderr
@@ -55,7 +55,7 @@ def test_an_audit_tells_the_true_error(entroslip, scene, tmp_path):
 
 
 def test_audits_go_on_where_they_were(entroslip, scene, tmp_path):
-    """Asked for later, or grown with the campaign, on any number of ranks: the same results."""
+    """The results are the same if the audit is added or enlarged later, on any number of ranks."""
     assert entroslip("run", scene, "--output", "direct.h5", ranks=2).returncode == 0
     few = entroslip("run", scene, "--output", "grown.h5", "--set", "campaign%n_samples=4")
     assert few.returncode == 0, few.stderr
@@ -76,7 +76,7 @@ def test_audits_go_on_where_they_were(entroslip, scene, tmp_path):
 
 
 def test_a_larger_audit_loses_no_samples(entroslip, scene, tmp_path):
-    """A file of eight samples was made anew with the four of the scene, without a word."""
+    """A file of eight samples is not replaced by one with the four of the scene."""
     assert entroslip("run", scene).returncode == 0
     before = (tmp_path / "audited.h5").read_bytes()
     fewer = ("--set", "campaign%n_samples=4", "--set", "accuracy%audit=1")
@@ -94,7 +94,7 @@ def test_a_larger_audit_loses_no_samples(entroslip, scene, tmp_path):
 
 
 def test_dofs_that_are_not_kept_are_judged_by_the_others(entroslip, scene, tmp_path):
-    """A numerical target, and spectra of the second mass alone: the axis is that of the spectra."""
+    """With spectra of the second mass only, that mass alone has a band ratio."""
     done = entroslip(
         "run", scene, "--output", "k.h5", "--set", "output%dofs=2",
         "--set", "accuracy%target_slip_points=5.0",

@@ -1,4 +1,4 @@
-"""Bad input ends with 2, one clear message a mistake, and nothing written."""
+"""Bad input: exit code 2, one message per mistake, and no file written."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_a_force_file_that_never_ends_is_refused_at_once(entroslip, tmp_path):
 def test_results_too_large_for_their_squares_are_refused(
     entroslip, tmp_path, method, factor, quantity
 ):
-    """Each value is in range, the response is not. At 1e152 m even lanes without a sample slip."""
+    """Each value is in range, but the response overflows."""
     (tmp_path / "force.txt").write_text("\n".join(f"{i % 7 - 3}e97" for i in range(4001)))
     force = f"kind = 'file' file = 'force.txt' factor = {factor}"
     scene = scene_with(tmp_path, "variance = 3.7, 41.1", force)
@@ -75,7 +75,7 @@ def test_results_too_large_for_their_squares_are_refused(
 
 
 def test_a_logger_s_file_is_a_force_file(entroslip, tmp_path):
-    """Byte order mark, comments of either kind, times; another sampling step is refused."""
+    """Byte order mark, comments and times are accepted; another sampling step is refused."""
     lines = [f"{0.01 * i:.4f} {i % 7} # value {i}" for i in range(1001)]
     (tmp_path / "log.txt").write_text("\ufeff! logger\n" + "\n".join(lines), encoding="utf-8")
     (tmp_path / "s.nml").write_text(

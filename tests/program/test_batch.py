@@ -1,4 +1,4 @@
-"""The job scripts of input/batch, by a real Slurm on this machine."""
+"""The job scripts of input/batch under a real Slurm on one machine."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def slurm():
 
 @pytest.fixture
 def submit(slurm, program, tmp_path):
-    """Runs a command that submits jobs in a folder of its own; returns what it said."""
+    """Runs a command that submits jobs, in its own folder; returns its output."""
     (tmp_path / "scene.nml").write_text(SCENE)
 
     def run(*words: str) -> str:

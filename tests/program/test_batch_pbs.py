@@ -1,4 +1,4 @@
-"""The PBS script of input/batch: its own limit, what PBS sends it, and an array of members."""
+"""The PBS script of input/batch: its time limit, the signals of PBS, and an array job."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def output(tmp_path):
 
 
 def without_limit(found: dict[str, bytes]) -> dict[str, bytes]:
-    """The script's own limit is recorded with the scene; nothing else may differ."""
+    """Results without scene and options, in which the script sets its time limit."""
     return {name: value for name, value in found.items() if name not in ("@scene", "@overrides")}
 
 
 def order(program, minutes: float) -> list[str]:
-    """What the user gives to qsub."""
+    """Arguments of qsub."""
     settings = f"SCENE=scene.nml,OUTPUT=r.h5,MINUTES={minutes}"
     return ["-v", f"{settings},ENTROSLIP={program},SCRIPT={SCRIPT}", str(SCRIPT)]
 
@@ -57,7 +57,7 @@ def wait_for(is_so, what: str) -> None:
 
 
 def test_a_job_submits_itself_until_the_campaign_is_done(pbs, program, output, reference):
-    """Two jobs of half a second, less than the campaign takes; the third has time enough."""
+    """Two jobs of half a second are too short for the campaign; the third is long enough."""
     jobs, codes = [order(program, minutes=0.008)], []
     while jobs:
         job = jobs.pop()

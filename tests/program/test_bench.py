@@ -1,4 +1,4 @@
-"""The scenes of measurements in bench/ are scenes of the program as it is now."""
+"""The program accepts the scenes of the measurements in bench/."""
 
 from __future__ import annotations
 

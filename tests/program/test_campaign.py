@@ -1,4 +1,4 @@
-"""A campaign that cannot be lost: interruptions, faults, the same bits whatever happens."""
+"""Interrupted campaigns: finished samples are kept, and the results have the same bits."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ REFUSED = 3
 
 @pytest.fixture
 def interrupted(campaign, output):
-    """A campaign stopped with some of its shards finished."""
+    """A campaign that was stopped after some of its shards."""
     run = campaign()
     wait_for_shards(run, output, 3)
     run.stop(signal.SIGTERM, run.ranks())
@@ -49,7 +49,7 @@ def test_same_bits_on_any_number_of_ranks(campaign, output, reference, n_ranks):
 def test_a_replay_has_the_bits_of_the_campaign_also_while_its_shards_remain(
     interrupted, campaign, output, reference, entroslip
 ):
-    """Histories, transitions and a ledger are kept beside: no number of the sample changes."""
+    """Histories, transitions and a ledger are added; the sample itself is unchanged."""
     kept = shards_of(output)
     assert set(interrupted) == set(kept)
     sample = ("--case", 4, "--sample", 7, "--output", "replay.h5")
@@ -121,7 +121,7 @@ def test_the_wall_time_limit_stops_like_a_signal(campaign, output, reference):
 
 
 def test_an_unfinished_campaign_can_be_looked_at(campaign, output, reference, interrupted):
-    """Fewer samples make a results file; shards of further ones stay for the whole."""
+    """Results of fewer samples can be written; the shards of the others stay."""
     kept = {name for name in interrupted if name > "c003"}
     assert kept
     code, said, errors = campaign(0, "--set", "campaign%n_samples=20").wait()
@@ -260,7 +260,7 @@ def test_an_output_that_cannot_be_written_is_named(program, campaign, tmp_path):
 
 
 def test_killed_again_and_again(program, tmp_path):
-    """The short form of `python -m tests.program.torture`, which prints its seed when it fails."""
+    """Short form of `python -m tests.program.torture`; prints its seed if it fails."""
     seed = 4
     print(f"seed {seed}")
     Torture(program, tmp_path, seed).go_on(kills=8)

@@ -1,4 +1,4 @@
-"""`check` says which processes have a solution, and ends as `run` would."""
+"""`check` prints which processes have a solution, and has the exit code of `run`."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ MOTION = """\
 
 
 def test_what_a_statistical_target_takes_is_foreseen(entroslip, tmp_path):
-    """The samples that `run` then takes, in whole batches of 32, within a factor of two and one."""
+    """Predicted number of samples against that of `run`: a factor of two, and one block of 32."""
     (tmp_path / "scene.nml").write_text(MOTION)
     said = entroslip("check", "scene.nml", "--set", "excitation%per_sample=.true.").stdout
     foreseen = int(re.search(r"about (\d+)\s+samples and\s+20000\s+steps", said)[1])

@@ -1,4 +1,4 @@
-"""The direct method through the program: shared searches, checks, orders, ways to simulate."""
+"""The direct method: shared searches, the check by inversion, orders, simulation methods."""
 
 from __future__ import annotations
 

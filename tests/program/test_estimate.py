@@ -1,4 +1,4 @@
-"""From measured values to a scene that the program takes."""
+"""`estimate`: from measured values to a scene."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_a_column_is_one_record_and_the_group_is_printed(entroslip, data):
 
 
 def test_a_mean_of_many_stds_keeps_its_digits(entroslip, data):
-    """Three digits of it were nine stds away: 123 for 123.47."""
+    """The mean is not rounded to three digits if the std is smaller: 123.47, not 123."""
     values = 123.47 + 0.05 * np.array([-1, 1, 0, 0.4, 1.6, -1.4, -0.6, 0.5, 0, -0.4])
     np.savetxt(data, values)
     done = entroslip("estimate", data)
@@ -55,7 +55,7 @@ def test_a_mean_of_many_stds_keeps_its_digits(entroslip, data):
 
 
 def test_correlations_end_with_the_longest_record(entroslip, data):
-    """Lags that no two values of a record have were printed as 0."""
+    """Lags longer than the longest record are not printed."""
     data.write_text("0.31 0.29 0.33 0.30 0.28\n0.33 0.35 0.27 0.30 0.31\n")
     assert "at lags 1 to 4 (of the process)" in entroslip("estimate", data).stdout
 
@@ -78,7 +78,7 @@ def test_data_that_say_nothing_are_refused(entroslip, data, text, message):
 
 
 def test_values_that_scatter_too_much_to_be_positive_are_refused_at_once(entroslip, data):
-    """A mark for a gap that is no gap: no search on simulated values is begun."""
+    """For instance a missing value marked by a number; refused before any search."""
     data.write_text("0.3 0.2 0.4 0.35 1e12 0.25 0.3 0.2 0.4 0.3 0.2\n")
     done = entroslip("estimate", data)
     assert done.returncode == 4
@@ -96,7 +96,7 @@ def test_a_length_that_is_the_longest_tried_is_noted(entroslip, data):
 
 
 def test_values_that_differ_from_line_to_line_are_noted_with_their_scatter(entroslip, data):
-    """Their correlations are those of the values, whatever std the process found has."""
+    """The printed correlations are those of the values."""
     means = np.array([0.21, 0.24, 0.26, 0.29, 0.31, 0.33, 0.36, 0.4])
     values = means[:, None] + 1e-4 * np.array([0, 1, -1, 2])
     np.savetxt(data, values)

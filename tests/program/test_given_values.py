@@ -1,4 +1,4 @@
-"""Friction that is given sample by sample, and the laws of reference, end to end."""
+"""Given friction values, and the reference laws, from the scene to the results."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def run(entroslip, folder, process, campaign="", name="s"):
 
 
 def test_given_samples_march_as_the_drawn_ones_that_they_are(entroslip, tmp_path):
-    """Friction of one campaign, written down and given to another: the same slip, bit for bit."""
+    """The friction of one campaign as given values of another: the same slip, bit for bit."""
     drawn = "correlation_length = 1.0 mean = 0.2 std = 0.067"
     assert run(entroslip, tmp_path, drawn, "n_samples = 5", "drawn").returncode == 0
     with h5py.File(tmp_path / "drawn.h5") as file:
@@ -64,7 +64,7 @@ def test_other_values_are_another_scene(entroslip, tmp_path):
 
 
 def test_tradeoff_marches_the_given_samples_and_no_others(entroslip, tmp_path):
-    """The Monte Carlo error of six given samples is theirs, and they have no other orders."""
+    """The Monte Carlo error is that of the six given samples; other orders are not compared."""
     rows = [[0.1, 0.2, 0.3], [0.2, 0.2, 0.1], [0.3, 0.1, 0.2], [0.15, 0.25, 0.2]]
     np.savetxt(tmp_path / "friction.txt", [*rows, [0.25, 0.3, 0.1], [0.1, 0.15, 0.25]])
     assert run(entroslip, tmp_path, "values = 'friction.txt'").returncode == 0
@@ -88,7 +88,7 @@ def test_a_need_of_more_samples_than_are_given_says_how_many_there_are(entroslip
 
 
 def test_laws_of_reference_are_named_in_the_results(entroslip, tmp_path):
-    """No correlation, and one value for all joints, beside the process between them."""
+    """Independent values, one value for all joints, and a process between both."""
     lengths = "correlation_length = 0.0, 1.0, 1e12 mean = 0.2 std = 0.067"
     done = run(entroslip, tmp_path, lengths, "n_samples = 30")
     assert done.returncode == 0, done.stderr
@@ -108,7 +108,7 @@ def test_laws_of_reference_are_named_in_the_results(entroslip, tmp_path):
 
 
 def test_help_of_a_command_names_its_options_alone(entroslip):
-    """--help after a command tells of that command; before it, of all."""
+    """--help after a command describes that command; before it, all commands."""
     replay = entroslip("replay", "--help").stdout
     assert "--sample" in replay
     assert "--share" not in replay

@@ -1,4 +1,4 @@
-"""A process that is solved is not solved again: interruptions, kills, more samples, damage."""
+"""A solved process is not solved again: after interruptions, kills, more samples, damage."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def wait_for_processes(run: Run, output: Path, at_least: int) -> None:
 
 @pytest.fixture
 def interrupted(campaign, output):
-    """A campaign asked to stop with some of its processes solved."""
+    """A campaign that was stopped after some of its processes."""
     run = campaign()
     wait_for_processes(run, output, 1)
     run.stop(signal.SIGTERM, run.ranks())

@@ -1,4 +1,4 @@
-"""Limits of the system, `ulimit -v` and `ulimit -f`: one line and code 3 (core_memory)."""
+"""Limits of the system, `ulimit -v` and `ulimit -f`: one message and exit code 3."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_what_takes_no_memory_is_done_all_the_same(limited):
 
 
 def test_the_memory_that_is_asked_for_is_enough(limited, tmp_path):
-    """Results have the bits of a run without limit; arguments with blanks survive the new start."""
+    """The results have the bits of a run without a limit; arguments may have blanks."""
     done = limited(COMMANDS["run"], resource.RLIMIT_AS, 400000 * 1024)
     assert (done.returncode, done.stderr) == (os.EX_OK, "")
     free = ["run", "scene.nml", "--output", "without limit.h5", "--quiet"]
@@ -76,7 +76,7 @@ def test_the_memory_that_is_asked_for_is_enough(limited, tmp_path):
 
 @pytest.mark.parametrize("n_bytes", [500, 5000, 40000])
 def test_a_limit_of_file_size_is_an_error_of_the_file(limited, tmp_path, n_bytes):
-    """The process, the samples, or the results: none are left half written; more room goes on."""
+    """No file of processes, samples or results is left incomplete; a higher limit continues."""
     done = limited(COMMANDS["run"], resource.RLIMIT_FSIZE, n_bytes)
     assert done.returncode == REFUSED
     assert "File too large" in done.stderr

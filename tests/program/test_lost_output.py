@@ -39,7 +39,7 @@ each_command = pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMAND
 
 @pytest.fixture
 def run(program, tmp_path):
-    """Runs a command in a folder with a scene; how its standard output is lost says `options`."""
+    """Runs a command in a folder with a scene; `options` make its standard output fail."""
     (tmp_path / "scene.nml").write_text(SCENE)
     (tmp_path / "fits.nml").write_text(FITS)
 
@@ -79,7 +79,7 @@ def test_no_standard_output_is_an_error(run, command):
 
 
 def test_results_are_whole_all_the_same(run, tmp_path):
-    """No file of results gets the number of the closed descriptor."""
+    """No results file gets the descriptor of the closed standard output."""
     for place in ("/dev/full", None):
         output = tmp_path / f"{place is None}.h5"
         command = ["run", "scene.nml", "--output", output.name]

@@ -1,4 +1,4 @@
-"""More than 64 ranks: shards of several blocks, killed and continued, with the bits of one rank."""
+"""More than 64 ranks: shards of several blocks, killed and continued; the bits of one rank."""
 
 from __future__ import annotations
 

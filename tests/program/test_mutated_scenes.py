@@ -1,4 +1,4 @@
-"""Spoilt scenes through the program: accepted or refused, never worse."""
+"""Randomly changed scenes: the program accepts or refuses them, and never crashes."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ PLACE = re.compile(
 
 
 def spoilt(text: str, dice: random.Random) -> str:
-    """One to three changes: a character replaced, a piece cut out, doubled or put in."""
+    """Text with one to three changes: characters replaced, removed, doubled or inserted."""
     for _ in range(dice.randint(1, 3)):
         first = dice.randrange(len(text))
         last = first + dice.randint(1, 12)
@@ -88,7 +88,7 @@ def spoilt(text: str, dice: random.Random) -> str:
 
 
 def test_a_spoilt_scene_is_accepted_or_refused(entroslip, tmp_path):
-    """Or asks, with other numbers, for a process that does not exist: code 4."""
+    """Exit code 4 if it asks for a process that does not exist."""
     print(f"seed {SEED}")
     dice = random.Random(SEED)
     path = tmp_path / "mutated.nml"
@@ -110,7 +110,7 @@ def test_a_spoilt_scene_is_accepted_or_refused(entroslip, tmp_path):
 
 
 def test_a_spoilt_structure_is_accepted_or_refused(entroslip, tmp_path):
-    """One of the scene's files at a time, and the scene; a refusal names a file or the process."""
+    """Changes the scene or one of its files; a refusal names a file or the process."""
     print(f"seed {SEED}")
     dice = random.Random(SEED)
     outcomes = {0: 0, 2: 0, 4: 0}

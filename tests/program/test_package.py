@@ -55,7 +55,7 @@ def test_everything_is_in_place(prefix):
 
 
 def check_scatter(table):
-    """Until a slider gives way, the contact is a spring of 20 x 50 N/m."""
+    """Before the first slip the contact is a spring of 20 x 50 N/m."""
     rows = [[float(word) for word in line.split()] for line in table.splitlines()[1:]]
     assert rows[1][1] == pytest.approx(10.0, abs=0.2)
     assert rows[-1][1] == pytest.approx(20 * 0.2 * 10.0, rel=0.02)  # 400 x 20 coefficients
@@ -63,7 +63,7 @@ def check_scatter(table):
 
 
 def test_the_example_finds_the_library_by_cmake(prefix, tmp_path):
-    """By the commands of its CMakeLists.txt; the guide's packages have Ninja, and no make."""
+    """With the commands of its CMakeLists.txt, by Ninja."""
     (tmp_path / "examples").symlink_to(EXAMPLE.parent)
     lines = re.findall(r"^#    (.+)", (EXAMPLE / "CMakeLists.txt").read_text(), re.MULTILINE)
     commands = "\n".join(lines).replace("<where entroslip is installed>", str(prefix))
@@ -85,7 +85,7 @@ def test_the_example_finds_the_library_by_pkg_config(prefix, tmp_path):
 
 @pytest.fixture(scope="module")
 def words(program):
-    """Commands and options, as --help has them."""
+    """Commands and options in --help."""
     return re.findall(r"^  (-*\w+)", run(program, "--help"), re.MULTILINE)
 
 

@@ -1,4 +1,4 @@
-"""What a run says of itself: progress on a terminal and in a log, a summary at the end."""
+"""Output of a run: progress on a terminal and in a log, and the summary."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_the_summary_tells_what_was_done_how_long_it_took_and_how_sure_it_is(com
 
 
 def test_the_summary_says_what_more_samples_do_not_lower(entroslip, tmp_path):
-    """One record for all samples, one for each, fewer than 512 steps, no load, too much."""
+    """One record for all samples, one per sample, fewer than 512 steps, no friction, no slip."""
     (tmp_path / "s.nml").write_text(ONE_RECORD)
     of_time = "points (most of it time-average error: more steps lower it, more samples do not)"
     for option, ending in (

@@ -1,4 +1,4 @@
-"""Sines, given spectra and levels of a file, from the scene to the results."""
+"""Sines, given spectra and factors of a force file, from the scene to the results."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_sines_are_told_to_be_steady_and_go_on_with_the_same_bits(entroslip, tmp
 
 
 def test_the_fewest_steps_of_a_long_period_are_enough(entroslip, tmp_path):
-    """Windows of 313 values, 128 steps apart, were one value too long for two of them."""
+    """Two windows of 313 values, 128 steps apart, fit into the march."""
     (tmp_path / "s.nml").write_text(
         "&chain n_dof = 1 friction = 1e6 damping_ratio = 0.6 /\n"
         "&excitation kind = 'sine' frequency = 1 amplitude = 2 /\n"
@@ -71,7 +71,7 @@ def test_the_order_of_sines_is_told(entroslip, tmp_path):
 
 
 def test_amplitudes_are_estimated_by_regression(entroslip, tmp_path):
-    """Mean and spread of amplitudes to a third of plain sampling's error, against 600 samples."""
+    """Errors of mean and std against 600 samples: a third of those of plain sampling."""
     (tmp_path / "s.nml").write_text(SINES)
     one = ("--set", "excitation%frequency=1.2", "--set", "excitation%amplitude=3.0")
     for name, words in (

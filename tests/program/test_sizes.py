@@ -1,4 +1,4 @@
-"""`check` tells the size of results and the memory of a rank (campaign_size) and stays quick."""
+"""`check` predicts the size of the results and the memory of a rank, and is fast."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_check_tells_the_same_of_processes_alone(entroslip, program, tmp_path, n
 
 
 def size_and_memory(scene: str, entroslip, program, tmp_path) -> tuple[int, str]:
-    """Bytes of the results of a run, and the words of `check`, held to the memory of the run."""
+    """Size of the results [bytes] and the output of `check`; checks the memory of the run."""
     (tmp_path / "s.nml").write_text(scene)
     said = entroslip("check", "s.nml").stdout
     run = subprocess.run(
@@ -91,7 +91,7 @@ def size_and_memory(scene: str, entroslip, program, tmp_path) -> tuple[int, str]
 
 
 def test_spectra_are_cut_evenly_on_the_disk(entroslip, tmp_path):
-    """Chunks of 4097 frequencies by 12 masses left a third of the file empty."""
+    """Chunks divide 4097 frequencies without leaving a part of the file empty."""
     options = CASES["long_spectra"] | {"n_samples": 2}
     (tmp_path / "s.nml").write_text(SCENE.format(**USUAL | options))
     every = ("--set", "output%spectrum_every=1")
@@ -134,7 +134,7 @@ def test_check_is_quick_and_a_run_without_memory_ends_in_one_line(program, tmp_p
     ],
 )
 def test_more_than_memory_holds_is_refused_in_one_line(program, tmp_path, name, value, said):
-    """The runs ended in the words of the Fortran runtime and in a segmentation fault."""
+    """The program refuses them before the Fortran runtime fails."""
     scene = SCENE.format(**USUAL | {"n_steps": 100})
     (tmp_path / "s.nml").write_text(scene)
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""Sampling until the standard error of slip fractions is as small as wanted."""
+"""Sampling until the standard error of slip fractions meets the target."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def scene(tmp_path):
 
 
 def standard_errors(case: h5py.Group) -> float:
-    """In points, largest over dofs; records differ, so the scatter over samples holds all."""
+    """Largest standard error over dofs [points], from the scatter: each sample has its record."""
     return float(100 * case["slip_mean_error"][()].max())
 
 
 def test_sampling_goes_on_until_the_target_is_met(entroslip, scene, tmp_path):
-    """Met at the end, by fewer samples than plain ones; the same on three ranks, taken up again."""
+    """Meets it with fewer samples than plain sampling; the same on three ranks and resumed."""
     done = entroslip("run", scene, "--output", "a.h5")
     assert done.returncode == 0, done.stderr
     with h5py.File(tmp_path / "a.h5") as file:
@@ -75,7 +75,7 @@ PAPER = """\
 
 
 def test_a_regression_meets_the_target_with_fewer_samples(entroslip, tmp_path):
-    """The estimator's error is the one that counts: plain sampling would need ten times as many."""
+    """The error of the regression counts: plain sampling needs ten times as many samples."""
     (tmp_path / "paper.nml").write_text(PAPER)
     done = entroslip("run", "paper.nml")
     assert done.returncode == 0, done.stderr
@@ -106,7 +106,7 @@ def test_a_regression_meets_the_target_with_fewer_samples(entroslip, tmp_path):
 
 
 def test_what_samples_cannot_mend_is_told(entroslip, scene, tmp_path):
-    """One record for all samples: its error stays, and only steps are of use."""
+    """With one record for all samples only more steps lower the time-average error."""
     one = ("--set", "excitation%per_sample=.false.", "--set", "accuracy%target_statistical=0.1")
     done = entroslip("run", scene, "--output", "c.h5", *one)
     assert done.returncode == 4

@@ -39,7 +39,7 @@ CHAIN = """\
 
 
 def written(folder, name):
-    """The files of a case and its scene in a folder; what is known of its response."""
+    """Writes the files of a case and its scene; returns its reference response."""
     shutil.copytree(CASES / name, folder, dirs_exist_ok=True)
     known = json.loads((folder / "case.json").read_text())
     damping = known["damping"]
@@ -60,7 +60,7 @@ def written(folder, name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_reference_cases_are_met_by_namelist(entroslip, tmp_path, name):
-    """Displacements to 1e-8 of the rms of each dof, the same transitions, the same time in slip."""
+    """Displacements to 1e-8 of the rms of each dof; equal transitions and slip fractions."""
     known = written(tmp_path, name)
     done = entroslip("run", "scene.nml")
     assert done.returncode == 0, done.stderr
@@ -83,7 +83,7 @@ def test_reference_cases_are_met_by_namelist(entroslip, tmp_path, name):
 
 
 def test_matrices_of_the_chain_are_the_chain(entroslip, tmp_path):
-    """Spectra, slip and histories of s1 written as matrices and as &chain, to 1e-12."""
+    """Spectra, slip and histories of s1 from matrices and from &chain agree to 1e-12."""
     known = written(tmp_path, "s1_chain5")
     (tmp_path / "chain.nml").write_text(CHAIN.format(dt=known["dt"], n_steps=known["n_steps"]))
     (tmp_path / "joints.txt").write_text("".join(f"{i} 0 50 10 0.2\n" for i in range(1, 6)))
@@ -97,7 +97,7 @@ def test_matrices_of_the_chain_are_the_chain(entroslip, tmp_path):
 
 
 def test_a_dense_structure_is_marched_in_modes_by_every_command(entroslip, tmp_path):
-    """check says so; samples, an audit, a replay; a ledger, also where damping couples modes."""
+    """check, samples, an audit, a replay and a ledger, also with damping that couples modes."""
     written(tmp_path, "s6_dense8")
     scene = (tmp_path / "scene.nml").read_text()
     process = "&process correlation_length = 1.0 order = 1 mean = 0.3 std = 0.06 /\n"
@@ -133,7 +133,7 @@ def test_a_dense_structure_is_marched_in_modes_by_every_command(entroslip, tmp_p
 
 
 def test_memory_is_the_limit_of_a_structure(entroslip, tmp_path):
-    """Chains and matrices that no memory holds are refused by their size, before any work."""
+    """Chains and matrices that exceed the memory are refused by their size, before any work."""
     (tmp_path / "c.nml").write_text(
         "&chain n_dof = 32700 friction = 0.2 /\n&excitation variance = 1 /"
     )
@@ -157,7 +157,7 @@ def test_memory_is_the_limit_of_a_structure(entroslip, tmp_path):
 
 
 def test_what_the_importer_writes_runs(entroslip, tmp_path):
-    """A ring, a chain and a reduced beam as they are written: EXAMPLE values and all."""
+    """A ring, a chain and a reduced beam, with the EXAMPLE values of the importer."""
     stiffness = np.diag(np.full(12, 2.0e4)) - 1.0e4 * (np.eye(12, k=1) + np.eye(12, k=-1))
     mass = np.diag(np.full(12, 4.0)) + np.eye(12, k=1) + np.eye(12, k=-1)
     np.savez(tmp_path / "rod.npz", M=mass, K=stiffness)
@@ -229,7 +229,7 @@ def test_joints_that_never_and_always_slip(entroslip, tmp_path):
 
 
 def test_twins_switch_at_one_instant(entroslip, tmp_path):
-    """Two halves of a joint do at every instant what the whole one does."""
+    """Two halves of a joint stick and slip at the same instants as the whole joint."""
     slip, one, _ = hostile(entroslip, tmp_path, "2 0 8 4 0.25\n")
     both, two, _ = hostile(entroslip, tmp_path, "2 0 4 2 0.25\n2 0 4 2 0.25\n")
     assert 0.05 < slip[0] < 0.95
@@ -256,7 +256,7 @@ def test_light_masses_and_stiff_springs(entroslip, tmp_path):
 
 @pytest.mark.parametrize("omega_h", [27.0, 50.0])
 def test_modes_far_above_the_step(entroslip, tmp_path, omega_h):
-    """A dense mass matrix whose second mode turns omega h = 27 and 50 in a step."""
+    """A dense mass matrix whose second mode has omega h = 27 and 50."""
     k = 2.0 * (omega_h / 0.05) ** 2
     slip, x, said = hostile(
         entroslip,
@@ -271,7 +271,7 @@ def test_modes_far_above_the_step(entroslip, tmp_path, omega_h):
 
 
 def test_zero_modes_drift_and_are_named(entroslip, tmp_path):
-    """Free masses that a joint couples: the centre of mass moves as under the force alone."""
+    """Free masses coupled by a joint: the centre of mass moves under the force alone."""
     _, x, said = hostile(entroslip, tmp_path, "1 2 5 1 1\n", stiffness=(0.0, 0.0, 0.0))
     assert "1 with all joints stuck" in " ".join(said.split())
     force, dt = np.loadtxt(tmp_path / "f.txt"), 0.05
@@ -293,7 +293,7 @@ def test_a_structure_that_only_stuck_joints_hold_is_named(entroslip, tmp_path):
 
 
 def test_the_ground_moves_what_the_load_says(entroslip, tmp_path):
-    """A beam's rotation does not follow the ground: b = -M r, as a force's load may be."""
+    """A beam's rotations do not follow the ground: b = -M r, with r from structure%load."""
     mass, r = np.array([[2.0, 0.3], [0.3, 0.5]]), np.array([1.0, 0.0])
     for name, matrix in (("M", mass), ("K", np.array([[300.0, -40.0], [-40.0, 90.0]]))):
         mmwrite(tmp_path / f"{name}.mtx", matrix)
@@ -323,7 +323,7 @@ def test_the_ground_moves_what_the_load_says(entroslip, tmp_path):
 
 
 def test_modes_that_a_reduction_would_save_are_counted(entroslip, tmp_path):
-    """A beam of ten elements has modes to 30 kHz; steps of 0.5 ms are long for all but a few."""
+    """A beam of ten elements has modes to 30 kHz; 0.5 ms is a long step for most of them."""
     beam = ROOT / "input/beam"
     (tmp_path / "joints.txt").write_text("19 0 2e4 20 0.3\n")
     (tmp_path / "beam.nml").write_text(
@@ -351,7 +351,7 @@ OWN_RECORDS = """\
 
 
 def test_tradeoff_takes_no_more_records_than_there_are(entroslip, tmp_path):
-    """Two forces, three samples: six records, and no march of a fourth sample."""
+    """Two forces and three samples have six records; no fourth sample is marched."""
     mmwrite(tmp_path / "M.mtx", np.eye(2))
     mmwrite(tmp_path / "K.mtx", np.array([[60.0, -30.0], [-30.0, 40.0]]))
     (tmp_path / "joints.txt").write_text("1 0 50.0 10.0 0.2\n2 1 50.0 10.0 0.2\n")

@@ -1,4 +1,4 @@
-"""Targets of numerical accuracy: what is chosen keeps them, everywhere and always the same."""
+"""Targets of numerical accuracy: the chosen setting meets them, the same on all ranks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ASKED = ("--set", f"accuracy%target_slip_points={TARGET}", "--set", "campaign%n_
 
 
 def test_a_target_is_kept_with_the_least_work(entroslip, small_scene, tmp_path):
-    """The true error of every case, against the exact method at a far tighter tolerance."""
+    """The error of every case against the exact march at a much tighter tolerance."""
     done = entroslip("run", small_scene, *ASKED)
     assert done.returncode == 0, done.stderr
     assert "accuracy     newmark" in done.stdout

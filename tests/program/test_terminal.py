@@ -1,4 +1,4 @@
-"""What a person at a terminal sees: help on one screen, colour where it is wanted, aligned text."""
+"""Output at a terminal: help on one screen, colour if wanted, aligned text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ESCAPE = "\x1b["
 
 
 def errors_on_a_terminal(program, *arguments, **environment):
-    """Standard error of a run for which it is a terminal."""
+    """Text that a run writes to standard error, a terminal."""
     variables = {name: text for name, text in ENVIRONMENT.items() if name != "NO_COLOR"}
     code, text = said_on_a_terminal(
         [program, *arguments], "stderr", stdout=subprocess.DEVNULL, env=variables | environment

@@ -41,7 +41,7 @@ VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "BLIS
 
 
 def environment(n_threads: int) -> dict[str, str]:
-    """As many threads as the cores allow where n_threads is 0."""
+    """Environment with a number of threads; 0: without any limit of threads."""
     plain = {name: value for name, value in ENVIRONMENT.items() if name not in VARIABLES}
     return plain | (dict.fromkeys(VARIABLES, str(n_threads)) if n_threads else {})
 
@@ -75,7 +75,7 @@ def test_bits_do_not_depend_on_threads_or_launcher(program, tmp_path, scene):
 
 
 def test_members_with_other_threads_share_a_run(program, tmp_path):
-    """What they compute together is what one computes alone."""
+    """Their results have the bits of a single run."""
     (tmp_path / "scene.nml").write_text(OF_ORDER_1.replace("n_samples = 8", "n_samples = 200"))
     run(program, tmp_path, "alone.h5", n_threads=1)
     members = [

@@ -16,7 +16,7 @@ COSTS = {"cost", "seconds", "milliseconds", "is_on_front"}  # those depend on th
 
 
 def measured(path):
-    """Every dataset's bytes but for the costs."""
+    """Bytes of every dataset except costs."""
     found = {}
     with h5py.File(path) as file:
         file["tradeoff"].visititems(
@@ -75,7 +75,7 @@ def check_sizes(sizes, errors):
 
 
 def check_variants(variants):
-    """Orders against the highest, fits against the longest, which has a change of nothing."""
+    """Orders are compared with the highest, fits with the longest, whose difference is zero."""
     of_fit, reference = variants["is_of_fit"][()] == 1, variants["is_reference"][()] == 1
     assert reference.sum() == 2 * len(set(variants["process"]))
     assert (variants["order"][~of_fit & reference] == 10).all()
@@ -90,7 +90,7 @@ def check_variants(variants):
 
 
 def test_what_a_scene_has_not_is_not_told(entroslip, tmp_path):
-    """Friction given, a force from a file, no spectra: nothing is drawn, no band has a width."""
+    """With given friction, a force file and no spectra: no Monte Carlo error, no band ratio."""
     force = 8.0 * np.sin(0.04 * np.arange(4001))
     np.savetxt(tmp_path / "force.txt", force)
     scene = tmp_path / "certain.nml"
@@ -134,7 +134,7 @@ def test_processes_alone_have_orders(entroslip, tmp_path):
 
 
 def test_errors_of_fits_are_of_simulated_ones(entroslip, tmp_path):
-    """Independent and equal values need no simulation, and the L0 of the former is zero."""
+    """Independent and equal values need no simulation; L0 of independent values is zero."""
     scene = tmp_path / "alone.nml"
     scene.write_text("&process correlation_length = 0, 1, 1e12 order = 2 mean = 0.2 std = 0.05 /\n")
     done = entroslip("tradeoff", scene)

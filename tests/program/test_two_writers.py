@@ -1,4 +1,4 @@
-"""Two runs on one output whose lock is lost: one file, whole; the loser says so with code 3."""
+"""Two runs on one output whose lock is lost: one complete file; the other run has code 3."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def test_a_run_that_slept_while_another_finished_changes_nothing(campaign, outpu
 
 @pytest.mark.parametrize("n_ranks", [0, 2])
 def test_the_lock_is_removed_at_any_moment(campaign, output, reference, n_ranks):
-    """Both runs end, none with a broken file, whoever is faster."""
+    """Both runs end, and the file is complete, whichever is faster."""
     seed = 3
     print(f"seed {seed}")
     chance = random.Random(seed)
@@ -118,7 +118,7 @@ def test_the_lock_is_removed_at_any_moment(campaign, output, reference, n_ranks)
 
 
 def test_a_file_system_that_grants_every_lock(program, tmp_path, output, reference):
-    """The last run to come takes the output, by its name in the lock file."""
+    """The run that locked last has its name in the lock file and owns the output."""
     if not shutil.which("gcc"):
         pytest.skip("no gcc")
     (tmp_path / "scene.nml").write_text(SCENE)
@@ -141,7 +141,7 @@ def test_a_file_system_that_grants_every_lock(program, tmp_path, output, referen
 
 @pytest.mark.parametrize("target", ["there/t.h5", "other"])
 def test_a_symbolic_link_writes_its_target(campaign, output, reference, tmp_path, target):
-    """Lock and shards beside the target; a link to a busy output meets its lock."""
+    """Lock and shards are beside the target, so a link to a busy output is locked too."""
     target = tmp_path / target
     output.symlink_to(target)
     run = campaign()

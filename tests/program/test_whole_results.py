@@ -1,4 +1,4 @@
-"""A results file is called complete when all that it vouches for is there, whole, and in shape."""
+"""A results file counts as complete only if all its data are present and undamaged."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ MORE = ("--set", "campaign%n_samples=50")
 
 @pytest.fixture(scope="module")
 def finished(program, tmp_path_factory):
-    """The folder of a finished campaign."""
+    """Folder of a finished campaign."""
     folder = tmp_path_factory.mktemp("finished")
     (folder / "scene.nml").write_text(SCENE)
     command = [program, "run", "scene.nml", "--output", "r.h5"]
@@ -55,7 +55,7 @@ def assert_refused(run, *words: str) -> None:
 
 
 def names_in(path: Path) -> list[str]:
-    """Every group and dataset."""
+    """Names of all groups and datasets."""
     found: list[str] = []
     with h5py.File(path) as file:
         file.visit(found.append)
@@ -71,7 +71,7 @@ def test_a_finished_file_is_complete(campaign, output):
 
 
 def test_whatever_is_missing_is_named(campaign, output):
-    """Of each kind of thing the file vouches for; some 100 of them in this small one."""
+    """Removes one object of each kind."""
     names = names_in(output)
     assert len(names) > 90
     whole = output.read_bytes()
@@ -117,7 +117,7 @@ def test_what_somebody_added_is_not_damage(campaign, output):
 
 
 def test_samples_of_a_damaged_file_become_no_shards(campaign, output, tmp_path):
-    """More samples of a sound copy then go on as if nothing had been."""
+    """More samples of an undamaged copy can be added afterwards."""
     whole = output.read_bytes()
     with h5py.File(output, "a") as file:
         del file["campaign/c001/psd"]

@@ -30,7 +30,7 @@ WAYS = ("kill the launcher", "kill a rank", "kill everything", "ask a rank", "as
 
 
 class Torture:
-    """One campaign, killed until it has been killed often enough and is complete."""
+    """One campaign that is killed a number of times and then completed."""
 
     def __init__(self, program: Path, folder: Path, seed: int) -> None:
         self.program, self.folder = program, folder
@@ -62,7 +62,7 @@ class Torture:
             run.signal(signal.SIGUSR1, [run.process.pid])
 
     def one_run(self) -> None:
-        """Starts, interrupts at a random instant, and looks at what is left."""
+        """Starts a run, interrupts it at a random instant, and checks the files that it left."""
         before = shards_of(self.output, EVERYTHING)
         n_ranks = self.random.choice(NUMBERS_OF_RANKS)
         way = self.random.choice(WAYS)
