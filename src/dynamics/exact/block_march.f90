@@ -300,9 +300,8 @@ contains
          n_forces = size(push, 2)
          do f = 1, n_forces
             do l = 1, n
-               column = f
-               if (size(force, 2) > n_forces) &
-                  column = f + n_forces*(base%paths%first_sample + l - 2)
+               column = f + min(n_forces*(base%paths%first_sample + l - 2), &
+                                size(force, 2) - n_forces)
                rise = force(step + 1, column) - force(step, column)
                push(l, f, 0) = force(step, column) + share*rise
                push(l, f, 1) = part*rise

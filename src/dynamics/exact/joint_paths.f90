@@ -45,7 +45,7 @@ module dynamics_exact_joint_paths
       integer, allocatable :: candidate(:)
       logical :: is_remarched(width) = .false.   !! True for samples marched through the part again
       logical, allocatable :: is_shared(:)       !! (joint) True if other joints are on its row
-      type(local_responses) :: responses         !! power series only
+      type(local_responses) :: responses         !! in modes, no joint is local
       integer, allocatable :: layer(:)           !! (0:degree)
       integer :: finish(0:1) = 0, spare(0:1) = 0   !! layers of the ends; two more for march_again
       real(wp), pointer, contiguous :: x(:, :, :) => null()          !! (lane, row, layer)
@@ -102,8 +102,7 @@ contains
       self%is_shared = [(count(row == row(j)) > 1, j=1, self%n_joints)]
       self%joint_row = [row, pack([(r, r=1, self%n_rows)], [(all(row /= r), r=1, self%n_rows)])]
       self%joint = [(min(j, self%n_joints + 1), j=1, size(self%joint_row))]
-      allocate (self%layer(0:degree))
-      self%layer = [(j, j=0, degree)]
+      allocate (self%layer(0:degree), source=[(j, j=0, degree)])
       self%finish = [degree + 1, degree + 2]
       self%spare = [degree + 3, degree + 4]
 

@@ -47,16 +47,15 @@ contains
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: tolerance
       type(ledger_type) :: ledger
-      integer, parameter :: most = 12
+      integer, parameter :: most_nodes = 12
       real(wp), allocatable :: damping(:, :)   ! twice M C^/h^2 = C/h
       integer :: j, n
 
-      do n = 2, most - 1
+      do n = 2, most_nodes - 1
          if ((2.0_wp*series%rate)**(2*n)*gamma(n + 1.0_wp)**4 <= &
              1.0e-3_wp*tolerance*(2*n + 1)*gamma(2*n + 1.0_wp)**3) exit
       end do
-      allocate (ledger%node(n), ledger%weight(n))
-      allocate (ledger%mass(series%n_dof), ledger%decay(series%n_dof))
+      allocate (ledger%node(n), ledger%weight(n), ledger%decay(series%n_dof))
       call gauss_legendre(0.0_wp, 1.0_wp, ledger%node, ledger%weight)
       ledger%mass = structure%lumped_mass()/series%h**2
       allocate (damping, source=2.0_wp/series%h*structure%damping)

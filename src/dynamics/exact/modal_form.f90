@@ -75,25 +75,25 @@ contains
       real(wp), pointer, contiguous :: planes(:, :, :)
       integer :: j, n, n_planes
 
-      associate (for => self%operators)
-         n = size(for%push, 1)
-         n_planes = 4 - for%blocks%ports
-         self%paths%coupling = for%coupling
-         call self%sliders%initialize(for%n_joints, for%n_moments)
-         call self%paths%initialize(path_degree, for%n_forces, &
-                                    [(0.0_wp, j=1, strip*size(for%outputs, 3))], &
-                                    [(j, j=1, for%n_joints)], &
-                                    [(for%markov(j, j, 0), j=1, for%n_joints)])
-         if (self%keeps_ledger .and. .not. for%ledger%is_ready) &
-            call for%ledger%prepare(self%h, for%damping, for%modal_load, for%blocks, &
-                                    kernel_fit(for%n_moments))
-         call self%memory%reserve(int(lanes, long)*n*((n_planes + 2)*groups + 3 + for%n_moments))
+      associate (ops => self%operators)
+         n = size(ops%push, 1)
+         n_planes = 4 - ops%blocks%ports
+         self%paths%coupling = ops%coupling
+         call self%sliders%initialize(ops%n_joints, ops%n_moments)
+         call self%paths%initialize(path_degree, ops%n_forces, &
+                                    [(0.0_wp, j=1, strip*size(ops%outputs, 3))], &
+                                    [(j, j=1, ops%n_joints)], &
+                                    [(ops%markov(j, j, 0), j=1, ops%n_joints)])
+         if (self%keeps_ledger .and. .not. ops%ledger%is_ready) &
+            call ops%ledger%prepare(self%h, ops%damping, ops%modal_load, ops%blocks, &
+                                    kernel_fit(ops%n_moments))
+         call self%memory%reserve(int(lanes, long)*n*((n_planes + 2)*groups + 3 + ops%n_moments))
          call self%memory%assign_planes([lanes, n, n_planes*groups], planes)
          self%modes(1:lanes, 1:n, 1:n_planes, 1:groups) => planes
          call self%memory%assign_planes([lanes, n, 2], self%midpoint)
-         call self%memory%assign_planes([lanes, n, for%n_moments + 1], self%slider_moments)
-         call self%memory%assign_planes([lanes, 2, for%n_modes*groups], planes)
-         self%rates(1:lanes, 1:2, 1:for%n_modes, 1:groups) => planes
+         call self%memory%assign_planes([lanes, n, ops%n_moments + 1], self%slider_moments)
+         call self%memory%assign_planes([lanes, 2, ops%n_modes*groups], planes)
+         self%rates(1:lanes, 1:2, 1:ops%n_modes, 1:groups) => planes
       end associate
    end subroutine allocate_memory
 
@@ -118,18 +118,18 @@ contains
          e = l - lanes*(g - 1)
          associate (place => state%displacement(:, w), speed => state%velocity(:, w), &
                     kept => state%internal(:, w), u => self%paths%x(l, :m, self%paths%layer(0)), &
-                    v => self%paths%x(l, :m, self%paths%layer(1)), for => self%operators, &
+                    v => self%paths%x(l, :m, self%paths%layer(1)), ops => self%operators, &
                     modes => self%modes(e, :n, :, g))
             if (self%has_internal) then
                modes = reshape(kept(:k), shape(modes))
                u = kept(k + 1:k + m)
                v = kept(k + m + 1:)
             else
-               modes(:, :k/n - 1) = for%blocks%variables(matmul(place, for%momentum), &
-                                                         matmul(speed, for%momentum)*self%h)
-               modes(:, k/n) = matmul(for%push(:n, :), state%slider(:, w))
-               u = matmul(place, for%direction)
-               v = matmul(speed, for%direction)*self%h
+               modes(:, :k/n - 1) = ops%blocks%variables(matmul(place, ops%momentum), &
+                                                         matmul(speed, ops%momentum)*self%h)
+               modes(:, k/n) = matmul(ops%push(:n, :), state%slider(:, w))
+               u = matmul(place, ops%direction)
+               v = matmul(speed, ops%direction)*self%h
             end if
          end associate
       end do
@@ -185,15 +185,15 @@ contains
       do g = 1, self%n_groups
          first = lanes*(g - 1) + 1
          force = self%paths%force(first:first + lanes - 1, :, :)
-         associate (for => self%operators, modes => self%modes(:, :, :, g), x => self%paths%x, &
+         associate (ops => self%operators, modes => self%modes(:, :, :, g), x => self%paths%x, &
                     u => self%paths%layer(0), v => self%paths%layer(1), &
                     regime => self%paths%regime)
-            if (self%keeps_ledger) call for%ledger%start_part(g, rows, force, modes)
-            call advance_blocks(for, rows, force, self%keeps_ledger, modes, self%midpoint, &
+            if (self%keeps_ledger) call ops%ledger%start_part(g, rows, force, modes)
+            call advance_blocks(ops, rows, force, self%keeps_ledger, modes, self%midpoint, &
                                 self%rates(:, :, :, g))
-            call find_paths(for, joints, rows, modes, self%midpoint, x(first, 1, u), &
+            call find_paths(ops, joints, rows, modes, self%midpoint, x(first, 1, u), &
                             x(first, 1, v), x(first, 1, 2))
-            call self%sliders%move_sliders(g, for, joints, regime(first, 1, regime_side), &
+            call self%sliders%move_sliders(g, ops, joints, regime(first, 1, regime_side), &
                                            regime(first, 1, regime_spring), x(first, 1, v), &
                                            x(first, 1, 2))
          end associate

@@ -21,8 +21,8 @@ module dynamics_exact_modal_sliders
       real(wp), pointer, contiguous :: moves(:, :, :) => null()
       real(wp), pointer, contiguous :: motion(:, :, :) => null()   !! e! x_e (lane, entry, e)
       real(wp), pointer, contiguous :: moments(:, :, :, :) => null()   !! I (lane, joint, 0:, group)
-      !> moving(:n_moving(group), group): joints, ascending, whose sliders move in a lane at least;
-      !> after has_switched also those that have stopped
+      !> moving(:n_moving(group), group): joints, ascending, whose sliders move in a lane or more;
+      !> after a switch also those that have stopped
       integer, allocatable :: n_moving(:), moving(:, :)
       logical, allocatable :: has_switched(:)   !! (group) True if a joint has switched in the part
       type(aligned_memory), private :: memory

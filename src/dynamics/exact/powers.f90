@@ -67,9 +67,9 @@ contains
             operator%value(:, a:b) = entries(2*pair - 1:2*pair, column(a:b))
          end associate
       end do
-      associate (of => min((column - 1)/n, 2))
+      associate (factor => min((column - 1)/n, 2))   ! 0: power k, 1: power k + 1, 2: force
          do turn = 0, 1
-            operator%place(:, turn) = first(1 + of, turn) + column - n*of
+            operator%place(:, turn) = first(1 + factor, turn) + column - n*factor
          end do
       end associate
    end function new_power_operator

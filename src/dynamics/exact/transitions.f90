@@ -30,7 +30,8 @@ module dynamics_exact_transitions
    !> Candidates 1 .. n of a group; entries beyond n have no meaning.
    type :: transition_group
       integer :: n = 0
-      integer, dimension(group_size) :: candidate, lane, joint, row, outcome   !! see joint_paths
+      integer, dimension(group_size) :: candidate   !! see joint_paths
+      integer, dimension(group_size) :: lane, joint, row, outcome
       real(wp), dimension(group_size) :: time       !! tau, from the start of the part [parts]
       real(wp), dimension(group_size) :: side = 0.0_wp   !! direction of slip before; 0: stuck
       real(wp), dimension(group_size) :: direction  !! direction of the slip that starts or ends
@@ -58,7 +59,7 @@ contains
       type(transition_group), intent(inout) :: group
 
       associate (list => paths%candidate(first:last))
-         select case (paths%degree)   ! a constant degree makes loops over powers straight
+         select case (paths%degree)   ! a constant degree unrolls the loops over powers
          case (6)
             call solve(6, paths, list, group)
          case (7)

@@ -25,12 +25,12 @@ module dynamics_newmark_block
       type(newmark_frame) :: frame
       integer :: n_joints = 0, n_forces = 0, n_samples = 0
       integer :: max_halvings = 0
-      real(wp) :: dt = 0.0_wp
+      real(wp) :: dt = 0.0_wp                     !! [s]
       real(wp), allocatable :: force(:, :)        !! (0:step, force, or force and sample) [N]
       integer, allocatable :: column(:)           !! (sample) column before its first force
       integer(long), allocatable :: tick(:)       !! (sample) present time
       integer(long), allocatable :: step_ticks(:)      !! (sample) length of the next step
-      integer(long), allocatable :: crossing_tick(:)   !! (sample) a joint crosses its limit before
+      integer(long), allocatable :: crossing_tick(:)   !! (sample) a joint crosses its limit by then
       integer(long) :: smooth_ticks = 0           !! longest step of predictions: dt, or 1/(4 omega)
       integer(long), allocatable :: slot(:)       !! (sample) 0 or 1: slot of the present motion
       integer, allocatable :: pattern(:)          !! (sample) short frames: bit j-1 is 1: j is stuck
@@ -43,11 +43,11 @@ module dynamics_newmark_block
       real(wp), allocatable :: work(:, :)         !! (input viscous, sample) [J]
       ! buffers
       type(newmark_trial), allocatable :: trials(:)
-      real(wp), allocatable :: change(:, :)   !! over a trial step (trial, force) [N]
+      real(wp), allocatable :: change(:, :)         !! of the forces in a step (trial, force) [N]
       integer, allocatable :: list(:)               !! joints
       real(wp), allocatable :: factor(:, :)         !! (joint + 1, joint)
       real(wp), allocatable :: margin(:, :)         !! guards at both ends of a step (row, 0:1)
-      real(wp), private :: tick_size = 0.0_wp     !! [s]
+      real(wp), private :: tick_size = 0.0_wp     !! length of a tick [s]
       type(aligned_memory), private :: memory
    contains
       procedure :: predict_crossing

@@ -86,6 +86,7 @@ contains
       end if
    end subroutine check_newmark
 
+   !> See marcher_type.
    subroutine advance(self, state, force, every, displacement, velocity, error)
       class(newmark_marcher), intent(inout) :: self
       type(block_state), intent(inout) :: state

@@ -64,8 +64,7 @@ contains
 
       steps%frame = frame
       steps%max_halvings = max_halvings
-      allocate (steps%weight(6, 0:max_halvings))
-      allocate (steps%share(0:max_halvings))
+      allocate (steps%weight(6, 0:max_halvings), steps%share(0:max_halvings))
       steps%share = [(0.5_wp**level, level=0, max_halvings)]
       do level = 0, max_halvings
          h = dt*steps%share(level)
@@ -78,8 +77,8 @@ contains
          steps%n_patterns = 2**frame%structure%n_joints
       else
          columns = columns + frame%structure%n_joints
-         allocate (steps%span(2, steps%columns/2, 0:max_halvings))
-         allocate (steps%gain_span(2, frame%structure%n_joints, 0:max_halvings))
+         allocate (steps%span(2, steps%columns/2, 0:max_halvings), &
+                   steps%gain_span(2, frame%structure%n_joints, 0:max_halvings))
       end if
       entries = steps%n_patterns*(max_halvings + 1)
       call steps%memory%reserve(int(frame%n_padded, long)*columns*entries)
