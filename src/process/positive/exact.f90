@@ -124,12 +124,7 @@ contains
       logical, intent(in) :: is_wound
       type(ring_type) :: ring
 
-      ring%length = length
-      ring%history = history
-      ring%is_wound = is_wound
-      ring%field = field
-      ring%centre = centre
-      ring%g = g
+      ring = ring_type(length, history, is_wound, field, centre, g)
       allocate (ring%d(lanes, 1 - history:length + ubound(g, 1)), source=0.0_wp)
       allocate (ring%u(lanes*length))
    end function new_ring
@@ -238,7 +233,7 @@ contains
 
    contains
 
-      !> Estimates - sum G_k E[(z_i - mu)(z_(i+k) - mu)], k > 0, under the law of `row`. If that G is
+      !> Estimates - sum G_k E[(z_i - mu)(z_(i+k) - mu)], k > 0, under the law of `row`. If its G is
       !> indefinite the companion is that of a weaker correlation.
       subroutine sample_slope(n_sweeps_before, slope, error)
          integer, intent(in) :: n_sweeps_before

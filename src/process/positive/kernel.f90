@@ -54,11 +54,7 @@ contains
       real(wp) :: log_perron, log_scale, perron
       integer :: i
 
-      law%is_sequential = is_sequential
-      law%r = r
-      law%slack = slack
-      law%steepness = steepness
-      law%field = field
+      law = first_order_law(is_sequential, r, slack, steepness, field)
       if (r > 0.0_wp) then
          call place_nodes(law, weights, log_factor, vector)
       else

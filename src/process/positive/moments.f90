@@ -61,8 +61,7 @@ contains
       integer, intent(in) :: n_lags, n_single, n_batches
       type(batch_averages) :: batches
 
-      batches%n_lags = n_lags
-      batches%n_single = n_single
+      batches = batch_averages(n_lags=n_lags, n_single=n_single)
       allocate (batches%x(-1:n_single + 2, n_batches), source=0.0_wp)
       allocate (batches%y(-1:n_single + 2, n_batches), source=0.0_wp)
       allocate (batches%acceptance(n_acceptance_sums, n_batches), source=0.0_wp)

@@ -1,8 +1,8 @@
 !> Finds the signs s_m of the largest entropy for a positive process by the direct method (Sec.
 !> 2.4.2).
 !>
-!> Of all processes whose K(m) have given signs the Gaussian one has the largest entropy. Sequences
-!> of signs are solved in the descending order of that bound, until it excludes the rest. A sequence
+!> The Gaussian process has the largest entropy of all whose K(m) have given signs. Sequences of
+!> signs are solved in the descending order of that bound, until it excludes the rest. A sequence
 !> and its mirror image have the same bound and are two processes.
 module process_positive_sign_search
    use core_error, only: error_type, exit_no_solution, raise
