@@ -185,7 +185,7 @@ contains
          error_of_spectrum(spectrum_of_first(marcher, chain, force, finer)), missed
    end subroutine report
 
-   !> Densities of the displacements of sample 1 (frequency, dof).
+   !> Power spectral densities of the displacements of sample 1 (frequency, dof).
    function spectrum_of_first(marcher, chain, force, finer) result(psd)
       class(marcher_type), intent(inout) :: marcher
       type(structure_type), intent(in) :: chain
@@ -217,7 +217,7 @@ contains
       end associate
    end function error_of_spectrum
 
-   !> Measures the cost in longer chains, all oscillators equal, the forces of the second case on
+   !> Measures the cost of longer chains of equal oscillators, with the forces of the second case on
    !> the last one.
    subroutine lengthen(method, sizes)
       character(*), intent(in) :: method
@@ -251,11 +251,11 @@ contains
    end subroutine lengthen
 
    !> Measures the cost of a chain in general coordinates, x = T y with T close to one: M and K are
-   !> dense, joints act in general directions. The forces of the second case. Modal damping
-   !> decouples, Rayleigh's does not.
+   !> dense, joints act in general directions. Forces are those of the second case. Modal damping
+   !> decouples the modes, Rayleigh damping does not.
    subroutine march_dense(n, m, n_steps, kind)
       integer, intent(in) :: n, m, n_steps
-      character(*), intent(in) :: kind   !! of damping
+      character(*), intent(in) :: kind   !! 'modal' or 'rayleigh' damping
       type(exact_march) :: event
       type(structure_type) :: chain, structure
       type(damping_type) :: damping
@@ -349,7 +349,8 @@ contains
       nanoseconds = 1.0e9_wp*sum(best)/(real(ubound(force, 1), wp)*n_samples)
    end subroutine time_march
 
-   !> Puts the reference's 0.2 for sample 1, mean 0.2 and standard deviation 0.067 for the others.
+   !> Draws friction: the reference's 0.2 for sample 1, mean 0.2 and standard deviation 0.067 for
+   !> the others.
    subroutine draw_friction(friction)
       real(wp), intent(out) :: friction(:, :)
       real(wp) :: normal(size(friction))
@@ -371,7 +372,7 @@ contains
       if (allocated(error)) error stop error%message
    end function equal_chain
 
-   !> Reads the force of a case, with values between on its chords.
+   !> Reads the force of a case, and interpolates it linearly between its values.
    subroutine read_force(case, finer, force)
       character(*), intent(in) :: case
       integer, intent(in) :: finer

@@ -1,6 +1,6 @@
-!> The energy ledger of the exact march over 100,000 steps at tolerances of 1e-6, where transitions
-!> are answered locally, and of 1e-10, where they are not: its defect, relative to the work done,
-!> and what keeping it costs. 32 samples of the paper's chain.
+!> Error and cost of the energy ledger of the exact march over 100,000 steps, at tolerances of 1e-6,
+!> where transitions are local, and of 1e-10, where they are not. The error is relative to the work
+!> done. 32 samples of the paper's chain.
 !> Run: build/release/bin/bench_dynamics_ledger
 program bench_dynamics_ledger
    use core_error, only: error_type

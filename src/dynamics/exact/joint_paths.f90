@@ -147,6 +147,10 @@ contains
 
       self%regime = 0.0_wp
       self%regime(:, :, regime_reach) = unlimited
+      self%pull = 0.0_wp
+      do r = 1, self%n_rows
+         self%stiffness(:, r) = self%base(r)
+      end do
       do l = 1, self%n_samples
          w = self%first_sample + l - 1
          do j = 1, self%n_joints
@@ -156,14 +160,6 @@ contains
                                                   unlimited)
             self%regime(l, j, regime_side) = state%direction(j, w)
             self%regime(l, j, regime_spring) = self%spring(j)
-         end do
-      end do
-      self%pull = 0.0_wp
-      do r = 1, self%n_rows
-         self%stiffness(:, r) = self%base(r)
-      end do
-      do j = 1, self%n_joints
-         do l = 1, self%n_samples
             call add_joint(self, l, j)
          end do
       end do

@@ -108,7 +108,7 @@ contains
       k = self%n_internal - 2*m
       self%n_groups = group_of(self%paths%n_samples)
       self%modes = 0.0_wp
-      self%sliders%has_switched = .true.   ! so that the moving sliders are found anew
+      self%sliders%has_switched = .true.   ! so that move_sliders finds which sliders move
       self%sliders%n_moving = m
       self%sliders%moving(:m, :) = spread([(l, l=1, m)], 2, groups)
       self%paths%x = 0.0_wp
