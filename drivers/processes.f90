@@ -116,7 +116,7 @@ contains
       end do
    end subroutine keep_models
 
-   !> Loads the processes that an earlier run has stored; the root reads them. Collective.
+   !> Reads the processes that an earlier run has stored, on the root. Collective.
    subroutine load_processes(output, models, owner, error)
       type(output_type), intent(in) :: output
       type(process_model_type), intent(inout) :: models(:)

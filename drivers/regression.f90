@@ -139,7 +139,7 @@ contains
       end associate
    end subroutine run_task
 
-   !> Loads the samples of a pool, and draws values of each case's law. Keeps those of the pool
+   !> Reads the samples of a pool, and draws values of each case's law. Keeps those of the pool
    !> before if it has the same processes under another force: the friction values are the same.
    subroutine load_pool(plan, models, stored, number, state, error)
       type(plan_type), intent(in) :: plan

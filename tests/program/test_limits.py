@@ -1,4 +1,4 @@
-"""Limits of the system, `ulimit -v` and `ulimit -f`: one message and exit code 3."""
+"""Limits of the system, `ulimit -v` and `ulimit -f`: one line and exit code 3 (core_memory)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`check` predicts the size of the results and the memory of a rank, and is fast."""
+"""`check` predicts the size of the results and the memory of a rank (campaign_size)."""
 
 from __future__ import annotations
 
