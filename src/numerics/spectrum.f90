@@ -27,8 +27,7 @@ module numerics_spectrum
       real(wp), allocatable, private :: segment(:, :)    !! (place, series) segment being filled
       real(wp), allocatable, private :: power(:, :)      !! (frequency, series) sum of |X|^2
       type(real_fft), private :: transform
-      integer, private :: n_expected = 0                 !! segments in all, if batches are recorded
-      integer, private :: n_batches_done = 0
+      integer, private :: n_expected = 0, n_batches_done = 0   !! segments in all, batches so far
       !> (batch, range, series) sum over segments up to the end of a batch of the mean square of the
       !> record within the range; unallocated: batches are not recorded
       real(wp), allocatable, private :: cumulative(:, :, :)
