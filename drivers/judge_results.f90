@@ -62,7 +62,7 @@ contains
       character(:), allocatable, intent(out) :: text
       type(error_type), allocatable, intent(out) :: error
       type(case_errors), allocatable :: errors(:)
-      type(slip_error) :: largest, of_case
+      type(slip_error) :: case_error, largest
       logical, allocatable :: is_stuck(:)   ! (case) no joint slips in any sample
       integer :: i
 
@@ -74,8 +74,8 @@ contains
       do i = 1, size(errors)
          if (.not. allocated(errors(i)%statistics%numbers)) cycle
          is_stuck(i) = .not. any(errors(i)%statistics%numbers%value > 0.0_wp)
-         of_case = slip_error_of(errors(i)%statistics, 0, .false.)
-         if (statistical_error(of_case) > statistical_error(largest)) largest = of_case
+         case_error = slip_error_of(errors(i)%statistics, 0, .false.)
+         if (statistical_error(case_error) > statistical_error(largest)) largest = case_error
       end do
       text = statistical_error_text(plan, largest)
       if (any(errors%n_audited > 0)) then

@@ -121,30 +121,31 @@ contains
       integer, intent(in) :: n_all              !! samples of the case
       type(numerical_error), intent(inout) :: errors
       real(wp) :: difference(size(tested, 1), size(tested, 2))
-      real(wp), allocatable, dimension(:, :) :: of_mean, of_rms, of_std   ! (replicate, joint)
+      ! (replicate, joint)
+      real(wp), allocatable, dimension(:, :) :: mean_values, rms_values, std_values
       integer :: i, joint, last, n
 
       n = size(tested, 2)
       errors%n_samples = n
       last = merge(n, 0, n > 1)
-      allocate (of_mean(0:last, size(tested, 1)))
-      allocate (of_rms, of_std, mold=of_mean)
+      allocate (mean_values(0:last, size(tested, 1)))
+      allocate (rms_values, std_values, mold=mean_values)
       difference = points*(tested - reference)
       do joint = 1, size(tested, 1)
          do i = 0, last
             associate (kept => without(i, n))
-               of_mean(i, joint) = mean(difference(joint, kept))
-               of_rms(i, joint) = sqrt(mean(difference(joint, kept)**2))
-               of_std(i, joint) = deviation(points*tested(joint, kept)) &
-                                  - deviation(points*reference(joint, kept))
+               mean_values(i, joint) = mean(difference(joint, kept))
+               rms_values(i, joint) = sqrt(mean(difference(joint, kept)**2))
+               std_values(i, joint) = deviation(points*tested(joint, kept)) &
+                                      - deviation(points*reference(joint, kept))
             end associate
          end do
       end do
       errors%slip_largest = maxval(abs(difference), 2)
-      errors%slip_mean = difference_of(of_mean, n_all)
-      errors%slip_rms = difference_of(of_rms, n_all)
+      errors%slip_mean = difference_of(mean_values, n_all)
+      errors%slip_rms = difference_of(rms_values, n_all)
       if (n == 1) return
-      errors%slip_std = difference_of(of_std, n_all)
+      errors%slip_std = difference_of(std_values, n_all)
       errors%slip_rms%error = with_floor(errors%slip_rms%value, errors%slip_rms%error, n, n_all)
    end subroutine compare_slip
 

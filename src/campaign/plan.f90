@@ -1,4 +1,4 @@
-!> Plan of a campaign: processes to fit, cases to run, how to march, results to keep, audits.
+!> Plan of a campaign: processes to fit, cases to run, settings of the march, results to keep.
 !>
 !> An audit repeats the first samples of a case with a far more accurate method. It is a case of its
 !> own, after all others, with the same process, force and sample numbers, so the same friction.

@@ -59,6 +59,7 @@ contains
 
    contains
 
+      !> Case numbers of pool p so far.
       pure function members_of(p) result(cases)
          integer, intent(in) :: p
          integer, allocatable :: cases(:)
@@ -193,7 +194,7 @@ contains
    subroutine draw_law(seed, model, points, draws, n_independent, at_most)
       integer(long), intent(in) :: seed
       type(process_model_type), intent(in) :: model
-      integer, intent(in) :: points(:)                    !! of the process, ascending
+      integer, intent(in) :: points(:)                    !! points of the process, ascending
       real(wp), allocatable, intent(out) :: draws(:, :)   !! (draw, point)
       real(wp), intent(out) :: n_independent              !! independent draws they are worth
       integer, intent(in), optional :: at_most            !! limits the number of draws

@@ -94,12 +94,12 @@ contains
    elemental function memory_of_block(block) result(bytes)
       type(block_result), intent(in) :: block
       integer(long) :: bytes
-      integer(long), parameter :: of_real = 8, of_transition = 16   ! time, joint, kind
+      integer(long), parameter :: real_bytes = 8, transition_bytes = 16   ! time, joint, kind
 
-      bytes = of_real*(values_of(block%slip_series) + values_of(block%psd) &
-                       + values_of(block%power_series) + values_of(block%displacement) &
-                       + values_of(block%velocity))
-      if (allocated(block%transitions)) bytes = bytes + of_transition*sum(block%transitions%n)
+      bytes = real_bytes*(values_of(block%slip_series) + values_of(block%psd) &
+                          + values_of(block%power_series) + values_of(block%displacement) &
+                          + values_of(block%velocity))
+      if (allocated(block%transitions)) bytes = bytes + transition_bytes*sum(block%transitions%n)
    end function memory_of_block
 
    !> Number of values; 0 for a result that is not kept.

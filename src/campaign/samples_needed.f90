@@ -37,7 +37,7 @@ contains
 
    !> Standard errors that statistics state; not allocated if the march is too short for them.
    pure function slip_error_of(statistics, n_cases, has_own_records) result(error)
-      type(case_statistics), intent(in) :: statistics   !! of two samples or more
+      type(case_statistics), intent(in) :: statistics   !! statistics of two or more samples
       integer, intent(in) :: n_cases                    !! as in slip_error
       logical, intent(in) :: has_own_records
       type(slip_error) :: error
@@ -148,6 +148,7 @@ contains
 
    contains
 
+      !> True if n samples bring the Monte Carlo error to what is allowed.
       pure logical function suffices(n)
          integer(long), intent(in) :: n
 

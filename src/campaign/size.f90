@@ -332,11 +332,10 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: sparse   ! spectra of one frequency: their thinning is not known yet
 
-      associate (n => plan%n_realizations)
-         call require(real_bytes*plan%n_points*real(n, wp), 'process%n_realizations', n, &
-                      'the realizations of a process take ', &
-                      ' MB, which the system does not give', error)
-      end associate
+      call require(real_bytes*plan%n_points*real(plan%n_realizations, wp), &
+                   'process%n_realizations', plan%n_realizations, &
+                   'the realizations of a process take ', &
+                   ' MB, which the system does not give', error)
       if (allocated(error) .or. .not. plan%has_structure) return
       sparse = plan
       sparse%output%spectrum_every = plan%output%segment_length

@@ -315,6 +315,7 @@ contains
 
    contains
 
+      !> Row with the scene's samples and steps multiplied by factors.
       pure type(size_row) function row(sample_factor, step_factor)
          real(wp), intent(in) :: sample_factor, step_factor
          real(wp) :: time_factor

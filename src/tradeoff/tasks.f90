@@ -163,7 +163,7 @@ contains
    !> Number of steps that the budget allows.
    pure integer function affordable(budget, cost)
       real(wp), intent(in) :: budget   !! [s]
-      real(wp), intent(in) :: cost     !! of a step [ns]
+      real(wp), intent(in) :: cost     !! cost of a step [ns]
 
       affordable = int(min(1.0e9_wp*budget/cost, 1.0e9_wp))
    end function affordable
