@@ -18,8 +18,8 @@ program regression
    use io_group, only: group_type
    use io_hdf5, only: open_hdf5
    use numerics_sorting, only: sort_order
-   use statistics_estimates, only: end_beyond, estimates_type, plain_percentile, stated_error, &
-                                   statistic_type, two_sided, upward_error
+   use statistics_estimates, only: estimates_type, limit_beyond_samples, normal_95, &
+                                   plain_percentile, stated_error, statistic_type, upward_error
    use statistics_order, only: interval_rank
    use statistics_pool, only: new_pool, pool_type
    use statistics_scalars, only: estimate_scalars
@@ -156,7 +156,7 @@ contains
       if (rank >= 1 .and. rank <= size(sorted)) then
          interval_end = sorted(rank)
       else
-         interval_end = end_beyond(sorted, p, is_upper)
+         interval_end = limit_beyond_samples(sorted, p, is_upper)
       end if
    end function interval_end
 
@@ -322,7 +322,7 @@ contains
       type(statistic_type), intent(in) :: ours
       real(real32) :: five(5)
 
-      five = between(truth, plain, ours%value + two_sided*ours%error*[-1.0_wp, 0.0_wp, 1.0_wp], &
+      five = between(truth, plain, ours%value + normal_95*ours%error*[-1.0_wp, 0.0_wp, 1.0_wp], &
                      ours%ratio)
    end function about
 
@@ -334,7 +334,7 @@ contains
       real(real32) :: five(5)
 
       five = real([plain - truth, ours(2) - truth, ours(2) - ours(1), ours(3) - ours(2), &
-                   ratio*(ours(3) - ours(1))/(2*two_sided)], real32)
+                   ratio*(ours(3) - ours(1))/(2*normal_95)], real32)
    end function between
 
 end program regression

@@ -9,7 +9,7 @@ program storage
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_identity, only: identity_type
-   use io_shards, only: list_shards, order_shards, read_shard, shard_type, stored_samples, &
+   use io_shards, only: list_shards, sort_shards, read_shard, shard_type, stored_samples, &
                         write_shard
    use io_store, only: new_store, remove_store, shard_store
    implicit none(type, external)
@@ -64,7 +64,7 @@ contains
       call tell('read_shard'//ending, began, n_shards)
 
       call cpu_time(began)
-      call order_shards(store, shards, stored)
+      call sort_shards(store, shards, stored)
       call stored%read(1, 1, n_shards*n_blocks*n_samples, samples, error)
       call check()
       call tell('read_samples'//ending, began, n_shards)

@@ -14,14 +14,14 @@ module driver_check
    use driver_command_line, only: command_line
    use driver_judge_results, only: need_words
    use driver_processes, only: solve_processes
-   use driver_trial_runs, only: keep_targets, measure_settings, thin_spectra
+   use driver_trial_runs, only: choose_setting, measure_settings, choose_spectrum_step
    use parallel_world, only: start_world, stop_world, world_type
-   use process_fit, only: foresee_process
+   use process_fit, only: predict_process
    use process_model, only: process_model_type
    use process_scaling, only: first_of_fit
    use tradeoff_forecast, only: cost_type, measure_cost, regression_seconds
-   use tradeoff_front, only: slip_error_to_come
-   use tradeoff_tasks, only: scope_type, tradeoff_type
+   use tradeoff_front, only: predicted_slip_error
+   use tradeoff_tasks, only: trial_scope, tradeoff_type
    implicit none(type, external)
    private
    public :: check
@@ -46,8 +46,8 @@ contains
       call start_world(world)
       call load_plan(line, scene, plan, error)
       call world%stop_on(error)
-      call keep_targets(world, scene, plan, choice)
-      call thin_spectra(world, plan, scene%force, unused, error)
+      call choose_setting(world, scene, plan, choice)
+      call choose_spectrum_step(world, plan, scene%force, unused, error)
       if (plan%has_structure .and. world%is_root() .and. .not. allocated(error)) &
          call measure_cost(plan, scene%force, cost, error)
       call world%stop_on(error)
@@ -99,7 +99,7 @@ contains
             models(i) = models(first(i))
             models(i)%request = plan%processes(i)
          else
-            call foresee_process(plan%processes(i), plan%seed, models(i))
+            call predict_process(plan%processes(i), plan%seed, models(i))
          end if
       end do
    end subroutine predict_processes
@@ -123,8 +123,8 @@ contains
       if (all(plan%cases%process == 0)) return
       call solve_processes(world, plan, .true., models)
       if (.not. all(models%is_solved)) return
-      call measure_settings(world, plan, force, scope_type(budget=budget, has_settings=.false., &
-                                                           is_statistical=.true., models=models), &
+      call measure_settings(world, plan, force, trial_scope(budget=budget, has_settings=.false., &
+                                                            is_statistical=.true., models=models), &
                             .true., measured, is_stopped, error)
       call world%stop_on(error)
       if (is_stopped) call stop_world(exit_stopped)
@@ -146,13 +146,13 @@ contains
 
       associate (s => plan%integration, wanted => plan%accuracy%target_statistical, &
                  n_now => plan%cases%n_samples)
-         error = slip_error_to_come(plan, measured)
+         error = predicted_slip_error(plan, measured)
          text = 'target_statistical = '//brief(wanted)//': a standard error of about '// &
                 brief(statistical_error(error))//' points is foreseen'
          if (statistical_error(error) > wanted) then
             larger = plan
             larger%cases%n_samples = max(fewest_samples, n_now)
-            error = slip_error_to_come(larger, measured)
+            error = predicted_slip_error(larger, measured)
             call find_need(error, wanted, s%n_steps - s%n_discard, n_samples, n_steps)
             ratio = real(n_samples, wp)/maxval(n_now)*(n_steps + s%n_discard)/s%n_steps
             seconds = 1.0e-9_wp*nanoseconds*ratio*s%n_steps*sum(real(n_now, wp))/n_ranks

@@ -118,9 +118,9 @@ contains
       if (found%l0 < found%longest) return
       note = 'L0 is the longest of its order that '//to_text(found%n_values)// &
              ' values tell: perhaps they are too few, have a trend or a period'
-      if (found%std_of_lines > 0.0_wp) &
+      if (found%std_of_record_means > 0.0_wp) &
          note = note//', or differ only from line to line (correlation_length = 1e12, std = '// &
-                brief(found%std_of_lines)//')'
+                brief(found%std_of_record_means)//')'
       text = text//labelled('note', note)
    end function estimates_text
 

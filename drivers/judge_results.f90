@@ -17,7 +17,7 @@ module driver_judge_results
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: judge, need_words, take_more, tell_errors
+   public :: judge, need_words, add_samples, error_summary
 
    !> Largest cost of a sample with its own record, which it draws, over that of one without.
    real(wp), parameter :: cost_of_own_record = 1.5_wp
@@ -56,7 +56,7 @@ contains
 
    !> Writes one line of text on the errors of the mean times in slip in a results file, on cases
    !> where no joint slips and on samples that are not steady; '' if there is nothing to say.
-   subroutine tell_errors(path, plan, text, error)
+   subroutine error_summary(path, plan, text, error)
       character(*), intent(in) :: path
       type(plan_type), intent(in) :: plan
       character(:), allocatable, intent(out) :: text
@@ -105,7 +105,7 @@ contains
          text = text//part
       end subroutine add_part
 
-   end subroutine tell_errors
+   end subroutine error_summary
 
    !> Text on the largest standard error of a mean time in slip, and on what lowers it; '' without
    !> an error.
@@ -220,7 +220,7 @@ contains
    !> Adds multiples of `increment` samples to the cases that miss target_statistical and can meet
    !> it by more samples, if the scene has sample_until_met. The number depends only on the samples
    !> so far: it is the same at any time and on any number of ranks. Collective.
-   subroutine take_more(models, increment, plan, output, has_more, error)
+   subroutine add_samples(models, increment, plan, output, has_more, error)
       type(process_model_type), intent(in) :: models(:)
       integer, intent(in) :: increment   !! number of samples
       type(plan_type), intent(inout) :: plan
@@ -241,8 +241,8 @@ contains
       if (.not. has_more) return
       plan%cases%n_samples = n_samples
       call add_audits(plan)
-      call output%look_again(plan, error)
-   end subroutine take_more
+      call output%update_finished(plan, error)
+   end subroutine add_samples
 
    !> Computes the best estimates of the slip fractions from the stored samples. Collective.
    subroutine estimate_slip(plan, models, output, estimates, error)
@@ -261,7 +261,7 @@ contains
       do i = 1, size(plan%cases)
          if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
          call open_case(output%world, plan, i, task)
-         call task%take_items(stored, error)
+         call task%compute_items(stored, error)
          call task%close(output%world, plan, stored, statistics(i), error)
          if (output%world%any_true(allocated(error))) return
       end do

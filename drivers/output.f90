@@ -20,13 +20,13 @@ module driver_output
                                  stored_in_results
    use io_files, only: exists, follow_links, remove_file
    use io_lock, only: lock_type, take_lock
-   use io_shards, only: finished_samples, list_shards, order_shards, path_of, read_shard, &
-                        remove_covered, shard_type, stored_samples
+   use io_shards, only: finished_samples, list_shards, sort_shards, shard_path, read_shard, &
+                        remove_merged_shards, shard_type, stored_samples
    use io_store, only: new_store, remove_leftovers, remove_store, shard_store
    use parallel_world, only: stop_world, world_type
    implicit none(type, external)
    private
-   public :: output_type, open_anew, open_output
+   public :: output_type, open_new_output, open_output
 
    !> A results file, its shards and its lock.
    type :: output_type
@@ -46,7 +46,7 @@ module driver_output
    contains
       procedure :: claim
       procedure :: release
-      procedure :: look_again
+      procedure :: update_finished
       procedure :: list_stored
       procedure :: verify
       procedure :: say
@@ -58,7 +58,7 @@ contains
 
    !> Locks the output of a command that does not resume; ends the run if the output may not be
    !> written. An earlier file stays until the new one is complete. Collective.
-   subroutine open_anew(world, line, scene, ending, output)
+   subroutine open_new_output(world, line, scene, ending, output)
       type(world_type), intent(in) :: world
       type(command_line), intent(in) :: line
       type(scene_type), intent(in) :: scene
@@ -71,7 +71,7 @@ contains
       if (world%is_root()) call lock_and_clear(output, error)
       call output%stop_on(error)
       call report_new_folders(output%path, output%lock%n_folders, output%is_quiet)
-   end subroutine open_anew
+   end subroutine open_new_output
 
    !> Sets path and identity of the output. The path is --output, else the name of the scene with an
    !> ending, in the current folder; a symbolic link is followed. Collective.
@@ -177,7 +177,7 @@ contains
          call refuse_extension(plan, output%n_stored, output%path, error)
          if (.not. allocated(error)) call refuse_loss(plan, output%n_stored, output%path, error)
       else if (.not. output%is_shared) then
-         call remove_covered(output%store, output%lock, output%n_stored, error)
+         call remove_merged_shards(output%store, output%lock, output%n_stored, error)
       end if
    end subroutine resume_results
 
@@ -257,7 +257,7 @@ contains
    end function are_same
 
    !> Updates the finished samples after the plan has grown or other runs have worked. Collective.
-   subroutine look_again(self, plan, error)
+   subroutine update_finished(self, plan, error)
       class(output_type), intent(inout) :: self
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
@@ -265,7 +265,7 @@ contains
 
       call self%list_stored(plan, stored, error)
       self%is_finished = finished_samples(stored%shards, plan%cases%n_samples)
-   end subroutine look_again
+   end subroutine update_finished
 
    !> Lists the samples in the shards and in an earlier results file. The root lists the shards for
    !> all ranks, as other machines may see new files late; an error is set on the root. Collective.
@@ -285,8 +285,8 @@ contains
       call self%world%broadcast(numbers)
       shards = [(shard_type(nint(numbers(i, 1)), nint(numbers(i, 2)), nint(numbers(i, 3))), &
                  i=1, size(numbers, 1))]
-      call order_shards(self%store, [shards, stored_in_results(self%n_stored, block_width(plan), &
-                                                               shards)], stored)
+      call sort_shards(self%store, [shards, stored_in_results(self%n_stored, block_width(plan), &
+                                                              shards)], stored)
    end subroutine list_stored
 
    !> Checks the shards by reading them, each on one rank; an error of this rank is its first
@@ -317,8 +317,8 @@ contains
       is_ours = self%lock%claim(lock_number(block))
       if (.not. is_ours) return
       ! another run may have stored it before this claim
-      is_ours = .not. exists(path_of(self%store, shard_type(block_range=block)))
-      if (.not. is_ours) call self%lock%give_back(lock_number(block))
+      is_ours = .not. exists(shard_path(self%store, shard_type(block_range=block)))
+      if (.not. is_ours) call self%lock%release_claim(lock_number(block))
    end function claim
 
    !> Releases a claimed block.
@@ -326,7 +326,7 @@ contains
       class(output_type), intent(in) :: self
       type(block_range), intent(in) :: block
 
-      if (self%is_shared) call self%lock%give_back(lock_number(block))
+      if (self%is_shared) call self%lock%release_claim(lock_number(block))
    end subroutine release
 
    !> Number of a block in the lock, equal for every run.
@@ -353,7 +353,7 @@ contains
       type(error_type), allocatable :: ignored, reason
 
       if (.not. self%world%any_true(allocated(error))) return
-      call self%lock%keep(reason)
+      call self%lock%check_ownership(reason)
       if (allocated(error) .and. .not. allocated(reason)) reason = error
       call self%lock%release(ignored)
       call self%world%stop_on(reason)

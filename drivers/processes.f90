@@ -6,18 +6,18 @@ module driver_processes
    use core_text, only: counted, to_text
    use driver_deadline, only: time_to_stop
    use driver_output, only: output_type
-   use io_process_results, only: keep_process, read_kept
+   use io_process_results, only: store_process, read_stored_processes
    use io_progress, only: progress_type
    use numerics_sorting, only: sort_order
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
-   use process_components, only: component, component_visitor, forget_components, visit_components
+   use process_components, only: component, component_visitor, reset_components, visit_components
    use process_direct_constraint, only: constraint_of
    use process_direct_fit, only: check_by_inversion, count_parts
    use process_direct_sign_search, only: restore_search, search_all_signs, search_result
    use process_fit, only: fit_from_search, fit_process
    use process_model, only: process_model_type, process_request
-   use process_scaling, only: carry_over, first_of_fit, unit_request
+   use process_scaling, only: scale_to_request, first_of_fit, scaled_request
    implicit none(type, external)
    private
    public :: solve_processes
@@ -58,7 +58,7 @@ contains
       if (size(models) == 0) return
       do i = 1, size(models)
          models(i)%request = plan%processes(i)
-         requests(i) = unit_request(plan%processes(i))
+         requests(i) = scaled_request(plan%processes(i))
          n_parts(i) = count_parts(requests(i))
       end do
       first = first_of_fit(plan%processes)
@@ -109,10 +109,10 @@ contains
       do i = 1, size(models)
          if (.not. shares_fit(i)) cycle
          models(i) = fit
-         call carry_over(plan%processes(i), models(i))
+         call scale_to_request(plan%processes(i), models(i))
          owner(i) = world%rank
          if (present(output) .and. .not. allocated(error)) &
-            call keep_process(output%store, i, models(i), error)
+            call store_process(output%store, i, models(i), error)
       end do
    end subroutine keep_models
 
@@ -126,7 +126,7 @@ contains
       logical :: is_kept(size(models))
 
       if (output%world%is_root()) then
-         call read_kept(output%store, models, is_kept, error)
+         call read_stored_processes(output%store, models, is_kept, error)
          if (any(is_kept) .and. .not. allocated(error)) &
             call output%say('continuing: '//to_text(count(is_kept))//' of '// &
                             counted(size(is_kept), 'process is', 'processes are')//' there')
@@ -220,7 +220,7 @@ contains
       do i = 1, size(models)
          visitor%source = world%maximum(owner(i))
          if (visitor%source < 0) cycle
-         if (visitor%source /= world%rank) call forget_components(models(i))
+         if (visitor%source /= world%rank) call reset_components(models(i))
          call visit_components(visitor, models(i))
       end do
    end subroutine broadcast_models

@@ -8,7 +8,7 @@ module driver_provenance
    use driver_build_info, only: architecture, build_type, compiler_flags, git_commit, version
    use io_hdf5, only: hdf5_file, hdf5_library, hdf5_object
    use io_identity, only: identity_type
-   use io_store, only: begin_file, discard_file, shard_store
+   use io_store, only: create_unfinished, discard_file, shard_store
    use numerics_fftw, only: fftw_library
    use numerics_lapack, only: lapack_version
    use numerics_nlopt, only: nlopt_library
@@ -44,7 +44,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_object) :: root
 
-      call begin_file(store%output, store%identity, file, error)
+      call create_unfinished(store%output, store%identity, file, error)
       if (allocated(error)) return
       root = hdf5_object(file, '/')
       call root%attribute('seed', plan%seed)

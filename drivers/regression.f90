@@ -3,7 +3,7 @@
 module driver_regression
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_loc
    use campaign_plan, only: kept_dofs, plan_type
-   use campaign_pooling, only: case_pool, draw_law, estimators_of, find_points, find_pools, &
+   use campaign_pooling, only: case_pool, draw_law, estimators_of, find_input_points, find_pools, &
                                reason_for_plain
    use campaign_results, only: block_result, case_estimates, case_statistics, n_quantities, &
                                numbers_of
@@ -72,7 +72,7 @@ contains
          if (task == 0) exit
          call attend_to_others()
          call run_task(plan, models, stored, (task - 1)/n_tasks + 1, &
-                      n_tasks - modulo(task - 1, n_tasks), state, error)   ! dofs take longest
+                       n_tasks - modulo(task - 1, n_tasks), state, error)   ! dofs take longest
       end do
       call counter%close()
       if (world%any_true(allocated(error))) return
@@ -94,7 +94,7 @@ contains
 
       state%share_below = plan%output%percentiles/100.0_wp
       state%n_joints = plan%structure%n_joints
-      call find_points(plan%structure, state%points, state%joint_of_point)
+      call find_input_points(plan%structure, state%points, state%joint_of_point)
       allocate (state%dofs(0), state%drawn(2, 0))
       if (size(frequency) > 1) then
          state%dofs = kept_dofs(plan)
@@ -251,8 +251,8 @@ contains
                                 spectra, integrals, error)
          if (allocated(error)) return
          do i = 1, size(cases)
-            call state%estimates(cases(i))%take_spectrum(dof, state%plain(cases(i)), &
-                                                        spectra(:, :, i), integrals(:, i))
+            call state%estimates(cases(i))%store_spectrum(dof, state%plain(cases(i)), &
+                                                          spectra(:, :, i), integrals(:, i))
          end do
       end associate
    end subroutine estimate_spectra

@@ -9,11 +9,11 @@ module driver_replay
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_deadline, only: start_watch
-   use driver_output, only: open_anew, output_type
+   use driver_output, only: open_new_output, output_type
    use driver_processes, only: solve_processes
    use driver_results, only: write_results
    use driver_run, only: end_if_requested, march_campaign, prepare_march
-   use driver_trial_runs, only: keep_targets
+   use driver_trial_runs, only: choose_setting
    use io_store, only: remove_store
    use parallel_world, only: start_world, world_type
    use process_model, only: process_model_type
@@ -42,8 +42,8 @@ contains
       if (.not. allocated(error)) call check_sample(line, plan, error)
       if (.not. allocated(error)) call refuse_oversize(plan, error)
       call world%stop_on(error)
-      call keep_targets(world, scene, plan, choice)
-      call open_anew(world, line, scene, ending_of(line), output)
+      call choose_setting(world, scene, plan, choice)
+      call open_new_output(world, line, scene, ending_of(line), output)
       call keep_everything(plan)
       call prepare_march(world, plan, scene%force, runner, error)
       call output%stop_on(error)
@@ -53,7 +53,7 @@ contains
       call output%stop_on(error)
       call end_if_requested(output)
       call keep_sample(line, runner%plan)
-      call output%look_again(runner%plan, error)
+      call output%update_finished(runner%plan, error)
       call output%stop_on(error)
       call march_campaign(models, runner, output, error)
       if (allocated(error)) call remove_store(output%store, ignored)   ! a replay does not resume

@@ -14,13 +14,13 @@ module driver_results
    use driver_provenance, only: begin_results
    use driver_regression, only: find_estimates
    use driver_statistics, only: case_task, open_case
-   use io_blocks, only: put_block
+   use io_blocks, only: write_block
    use io_case_statistics, only: write_audit, write_estimates
    use io_group, only: group_type
    use io_hdf5, only: hdf5_file
    use io_process_results, only: write_process
    use io_results, only: begin_case, finish_case, finish_results, write_structure
-   use io_shards, only: remove_covered, stored_samples
+   use io_shards, only: remove_merged_shards, stored_samples
    use io_store, only: discard_file
    use parallel_world, only: attend_to_others
    use process_model, only: process_model_type, request_label
@@ -53,7 +53,7 @@ contains
       else if (output%world%is_root()) then
          call finish_results(file, output%lock, seconds_so_far(), error)
          if (.not. allocated(error)) &
-            call remove_covered(output%store, output%lock, [plan%cases%n_samples], error)
+            call remove_merged_shards(output%store, output%lock, [plan%cases%n_samples], error)
       end if
    end subroutine write_results
 
@@ -118,7 +118,7 @@ contains
          associate (task => tasks(modulo(k, 2)), number => numbers(k))
             if (output%world%is_root() .and. .not. allocated(error)) &
                call begin_group(plan, number, runner, stored, file, groups(number), error)
-            call task%take_items(stored, error)
+            call task%compute_items(stored, error)
             call task%close(output%world, plan, stored, statistics(number), error)
             if (output%world%any_true(allocated(error))) return
             if (k < size(numbers)) call open_task(k + 1)
@@ -194,7 +194,7 @@ contains
          call attend_to_others()
          call stored%read(number, first(g), first(g + 1) - 1, samples, error)
          if (allocated(error)) return
-         call put_block(group, plan, samples)
+         call write_block(group, plan, samples)
       end do
    end subroutine write_samples
 

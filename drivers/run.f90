@@ -13,11 +13,11 @@ module driver_run
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
-   use driver_judge_results, only: judge, take_more, tell_errors
+   use driver_judge_results, only: judge, add_samples, error_summary
    use driver_output, only: open_output, output_type
    use driver_processes, only: solve_processes
    use driver_results, only: write_results
-   use driver_trial_runs, only: keep_targets, thin_spectra
+   use driver_trial_runs, only: choose_setting, choose_spectrum_step
    use io_files, only: exists
    use io_progress, only: progress_type
    use io_shards, only: write_shard
@@ -50,7 +50,7 @@ contains
       if (.not. allocated(error)) call refuse_oversize(plan, error)
       call world%stop_on(error)
       call set_limit(plan%walltime)
-      call keep_targets(world, scene, plan, choice)
+      call choose_setting(world, scene, plan, choice)
       call add_audits(plan)
       call open_output(world, line, scene, plan, output)
       if (output%is_complete) then
@@ -128,7 +128,7 @@ contains
       type(error_type), allocatable :: error
       integer :: n
 
-      call output%look_again(plan, error)
+      call output%update_finished(plan, error)
       call output%stop_on(error)
       if (output%world%is_root()) then
          n = sum(plan%cases%n_samples) - count(output%is_finished)
@@ -152,7 +152,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: folded_share(:, :)
 
-      call thin_spectra(world, plan, force, folded_share, error)
+      call choose_spectrum_step(world, plan, force, folded_share, error)
       if (.not. allocated(error)) call prepare_runner(plan, force, runner, error)
       call move_alloc(folded_share, runner%folded_share)
    end subroutine prepare_march
@@ -173,7 +173,7 @@ contains
          call march_campaign(models, runner, output, error)
          call output%stop_on(error)
          call end_if_requested(output)
-         call take_more(models, increment, runner%plan, output, has_more, error)
+         call add_samples(models, increment, runner%plan, output, has_more, error)
          call output%stop_on(error)
       end do
    end subroutine march_until_met
@@ -203,7 +203,7 @@ contains
          associate (ranges => claims(item)%ranges)
             if (.not. output%claim(ranges(1))) cycle
             call march_claim(models, ranges, runner, output%store, error)
-            if (.not. allocated(error)) call output%lock%keep(error)
+            if (.not. allocated(error)) call output%lock%check_ownership(error)
             call output%release(ranges(1))
          end associate
       end do
@@ -292,7 +292,7 @@ contains
 
       errors = ''
       if (output%world%is_root() .and. plan%has_structure) &
-         call tell_errors(output%path, plan, errors, error)
+         call error_summary(output%path, plan, errors, error)
       call output%stop_on(error)
       if (errors /= '') errors = '; '//errors
       call output%say(summary(plan, output))

@@ -35,7 +35,7 @@ module driver_statistics
       type(span_collector), private :: spans
       type(work_counter), private :: counter
    contains
-      procedure :: take_items
+      procedure :: compute_items
       procedure :: close => close_case
    end type case_task
 
@@ -75,7 +75,7 @@ contains
    end subroutine open_case
 
    !> Computes items until none is left; an error of any rank ends this on all ranks.
-   subroutine take_items(self, stored, error)
+   subroutine compute_items(self, stored, error)
       class(case_task), intent(inout) :: self
       type(stored_samples), intent(in) :: stored
       type(error_type), allocatable, intent(inout) :: error
@@ -92,7 +92,7 @@ contains
             call add_slice(self, stored, group, slice, error)
          end if
       end do
-   end subroutine take_items
+   end subroutine compute_items
 
    !> Adds up the items of all ranks and finishes the statistics, equal on every rank. Collective.
    subroutine close_case(self, world, plan, stored, statistics, error)
@@ -159,8 +159,8 @@ contains
             do p = 1, size(selection%kept, 1)
                kept = selection%kept(p, c)%value
                call world%join(kept)
-               call columns%take_selected(n_columns*(first - 1) + c, p, &
-                                          selection%order_statistics(p, c, kept))
+               call columns%store_selected(n_columns*(first - 1) + c, p, &
+                                           selection%order_statistics(p, c, kept))
             end do
          end do
       end do

@@ -9,7 +9,7 @@ module driver_tradeoff
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
-   use driver_output, only: open_anew, output_type
+   use driver_output, only: open_new_output, output_type
    use driver_processes, only: solve_processes
    use driver_provenance, only: begin_results
    use driver_tradeoff_text, only: components_text, fits_text, orders_text, settings_text, &
@@ -23,7 +23,7 @@ module driver_tradeoff
    use process_model, only: process_model_type
    use tradeoff_effects, only: variant_rows_of
    use tradeoff_front, only: components_of, setting_rows_of, size_rows_of, spectrum_rows_of
-   use tradeoff_tasks, only: scope_type
+   use tradeoff_tasks, only: trial_scope
    use tradeoff_variants, only: compare_orders, list_variants
    implicit none(type, external)
    private
@@ -55,7 +55,7 @@ contains
                     "excitation%kind = 'sine' has no spectra to compare")
       call world%stop_on(error)
       call set_limit(plan%walltime)
-      call open_anew(world, line, scene, '_tradeoff.h5', output)
+      call open_new_output(world, line, scene, '_tradeoff.h5', output)
       call solve_processes(world, plan, output%is_quiet, models)
       call refuse_unsolved(plan, models, error)
       call output%stop_on(error)
@@ -84,9 +84,9 @@ contains
       type(tradeoff_findings), intent(inout) :: found
       logical, intent(out) :: is_stopped
       type(error_type), allocatable, intent(out) :: error
-      type(scope_type) :: scope
+      type(trial_scope) :: scope
 
-      scope = scope_type(budget=budget, at_other_dt=.true., is_statistical=.true., models=models)
+      scope = trial_scope(budget=budget, at_other_dt=.true., is_statistical=.true., models=models)
       call fit_variants(world, plan, is_quiet, scope)
       is_stopped = world%any_true(time_to_stop())
       if (is_stopped) return
@@ -107,7 +107,7 @@ contains
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: is_quiet
-      type(scope_type), intent(inout) :: scope
+      type(trial_scope), intent(inout) :: scope
       type(plan_type) :: varied
 
       call list_variants(plan, scope%models, scope%variants)

@@ -25,11 +25,11 @@ module driver_trial_runs
    use tradeoff_pilot, only: choose_every
    use tradeoff_settings, only: use_setting
    use tradeoff_task_results, only: band_ratio, slip
-   use tradeoff_tasks, only: new_tradeoff, scope_type, tradeoff_type
+   use tradeoff_tasks, only: new_tradeoff, trial_scope, tradeoff_type
    implicit none(type, external)
    private
    public :: measure_settings
-   public :: keep_targets, thin_spectra
+   public :: choose_setting, choose_spectrum_step
 
    character, parameter :: line_feed = new_line('a')
    real(wp), parameter :: budget = 3.0_wp   !! expected processor time of the trial marches [s]
@@ -41,7 +41,7 @@ contains
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
-      type(scope_type), intent(in) :: scope
+      type(trial_scope), intent(in) :: scope
       logical, intent(in) :: is_quiet
       type(tradeoff_type), intent(out) :: tradeoff
       logical, intent(out) :: is_stopped     !! true: stopped early, results are missing
@@ -50,7 +50,7 @@ contains
       real(wp), allocatable :: unused(:, :)
 
       thinned = plan
-      call thin_spectra(world, thinned, force, unused, error)
+      call choose_spectrum_step(world, thinned, force, unused, error)
       call world%stop_on(error)
       call new_tradeoff(thinned, force, scope, time_to_stop, tradeoff, error)
       call world%stop_on(error)
@@ -65,7 +65,7 @@ contains
    end subroutine measure_settings
 
    !> Chooses output%spectrum_every of a plan with spectra, the same on every rank. Collective.
-   subroutine thin_spectra(world, plan, force, folded_share, error)
+   subroutine choose_spectrum_step(world, plan, force, folded_share, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(inout) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
@@ -76,7 +76,7 @@ contains
       if (world%is_root()) call choose_every(plan, force, folded_share, error)
       plan%output%spectrum_every = world%maximum(plan%output%spectrum_every)   ! chosen from 0
       call world%broadcast(folded_share)
-   end subroutine thin_spectra
+   end subroutine choose_spectrum_step
 
    !> Runs the tasks, shared among the ranks, and gives every rank all results. Collective.
    subroutine share_tasks(world, tradeoff, is_quiet, error)
@@ -123,7 +123,7 @@ contains
 
    !> Replaces the scene's setting if the scene has a target of numerical error. Ends the run if no
    !> setting keeps it, or if it is asked to stop. Collective.
-   subroutine keep_targets(world, scene, plan, choice)
+   subroutine choose_setting(world, scene, plan, choice)
       type(world_type), intent(in) :: world
       type(scene_type), intent(inout) :: scene
       type(plan_type), intent(inout) :: plan
@@ -138,7 +138,7 @@ contains
       associate (points => plan%accuracy%target_slip_points, &
                  ratio => plan%accuracy%target_band_ratio)
          if (.not. (plan%has_structure .and. max(points, ratio) > 0.0_wp)) return
-         call measure_settings(world, plan, scene%force, scope_type(budget=budget), .true., &
+         call measure_settings(world, plan, scene%force, trial_scope(budget=budget), .true., &
                                measured, is_stopped, error)
          call world%stop_on(error)
          if (is_stopped) call stop_world(exit_stopped)
@@ -154,7 +154,7 @@ contains
       scene%text = scene%text//line_feed//'! accuracy: '//choice//line_feed
       choice = labelled('accuracy', choice)
       choice = choice(:len(choice) - 1)
-   end subroutine keep_targets
+   end subroutine choose_setting
 
    !> Refuses targets that no setting keeps; the message names a target and the nearest setting.
    pure subroutine refuse(points, ratio, nearest, plan, error)
@@ -166,10 +166,10 @@ contains
 
       if (.not. meets_targets(nearest, points, 0.0_wp)) then
          target = 'accuracy%target_slip_points = '//to_text(points)
-         reached = brief(nearest%surely(slip))//' points'
+         reached = brief(nearest%error_bound(slip))//' points'
       else
          target = 'accuracy%target_band_ratio = '//to_text(ratio)
-         reached = brief(nearest%surely(band_ratio))
+         reached = brief(nearest%error_bound(band_ratio))
       end if
       call raise(error, exit_no_solution, target//': no setting keeps it; the nearest is '// &
                  setting_text(nearest%setting, plan%integration%dt)//' with '//reached// &

@@ -21,7 +21,7 @@ module campaign_bands
    use numerics_correlated, only: n_batches
    use numerics_spectrum, only: last_of_ranges
    use statistics_estimates, only: estimates_type, plain_mean, plain_percentile, stated_error, &
-                                   statistic_type, two_sided
+                                   statistic_type, normal_95
    implicit none(type, external)
    private
    public :: band_collector, start_bands, most_bins
@@ -200,7 +200,7 @@ contains
          if (.not. bottom > 0.0_wp) return
          associate (top => integrals(last)%value)
             ratio_bias = bias(last)/top - bias(2)/bottom   ! of the logarithm
-            spread = two_sided*stated_error(by_bin(:, last)/top - by_bin(:, 2)/bottom, &
+            spread = normal_95*stated_error(by_bin(:, last)/top - by_bin(:, 2)/bottom, &
                                             ratio_bias, n_samples)
             ratio_bias = exp(ratio_bias) - 1.0_wp
             ratio%value = top/bottom

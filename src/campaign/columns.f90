@@ -5,7 +5,7 @@
 !> their intervals are order statistics (binomial, 95 %), or lie beyond all samples if these are too
 !> few. With more than one group, the percentiles averaged over the groups tell where to select the
 !> order statistics of all samples: `open_selection`, to which all values are added again, and
-!> `take_selected`.
+!> `store_selected`.
 !>
 !> Ranks may add different groups: `sums` and `at` are then summed over the ranks. `at` has the same
 !> bits on any number of ranks only after the selection.
@@ -15,7 +15,7 @@ module campaign_columns
    use numerics_sorting, only: sort_order
    use numerics_statistics, only: deviation_error_of_sums, deviation_of_sums, freedoms_of_sums, &
                                   joined_sums, mean_error_of_sums, n_sums, sums_of
-   use statistics_estimates, only: end_beyond, statistic_type, uncross
+   use statistics_estimates, only: limit_beyond_samples, statistic_type, sort_percentiles
    use statistics_order, only: at_rank, interval_rank
    implicit none(type, external)
    private
@@ -39,7 +39,7 @@ module campaign_columns
       procedure :: ranks_in_group
       procedure :: add
       procedure :: open_selection
-      procedure :: take_selected
+      procedure :: store_selected
       procedure :: finish
       procedure, private :: below
       procedure, private :: is_beyond
@@ -124,7 +124,8 @@ contains
          do p = 1, size(rank, 1)
             percentile(p, which) = at_rank(sorted, rank(p, which))
             if (self%is_beyond(p, which)) &
-               percentile(p, which) = end_beyond(sorted, self%share_below(p), which == high)
+               percentile(p, which) = limit_beyond_samples(sorted, self%share_below(p), &
+                                                           which == high)
          end do
       end do
       self%sums(:, column, group) = sums_of(values)
@@ -160,14 +161,14 @@ contains
 
    !> Replaces the mean over the groups of a percentile and its interval by the order statistics of
    !> all samples.
-   pure subroutine take_selected(self, column, p, found)
+   pure subroutine store_selected(self, column, p, found)
       class(column_collector), intent(inout) :: self
       integer, intent(in) :: column, p
       real(wp), intent(in) :: found(:)   !! order statistics, as listed by open_selection
 
       self%at(column, p, :) = [found(1) + (self%rank(p, middle) - self%below(p)) &
                                *(found(2) - found(1)), found(3), found(4)]
-   end subroutine take_selected
+   end subroutine store_selected
 
    !> Computes the statistics after all groups are added and the percentiles of all samples are
    !> selected.
@@ -193,7 +194,7 @@ contains
             percentiles%value = self%at(column, :, middle)
             percentiles%low = self%at(column, :, low)
             percentiles%high = self%at(column, :, high)
-            call uncross(percentiles)   ! ends beyond the samples may cross
+            call sort_percentiles(percentiles)   ! ends beyond the samples may cross
          end associate
       end do
    end subroutine finish

@@ -6,12 +6,12 @@ module campaign_pooling
    use core_random, only: label_of, new_stream, stream_type
    use core_text, only: to_text
    use process_model, only: process_model_type, request_label
-   use process_realization, only: chains_of, draw_chains, draw_points
+   use process_realization, only: n_chains_of, draw_chains, draw_points
    use process_reference, only: has_one_value
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: case_pool, draw_law, estimators_of, find_points, find_pools, fitted_samples, &
+   public :: case_pool, draw_law, estimators_of, find_input_points, find_pools, fitted_samples, &
              plan_draws, reason_for_plain, sharing_cases
 
    integer, parameter, public :: fewest_samples = 20   !! samples of a case with a regression
@@ -140,7 +140,7 @@ contains
       integer, allocatable :: points(:), joints(:)
 
       reason = ''
-      call find_points(plan%structure, points, joints)
+      call find_input_points(plan%structure, points, joints)
       associate (case => plan%cases(number))
          if (plan%estimator == 'plain') then
             reason = "campaign%estimator = 'plain'"
@@ -176,7 +176,7 @@ contains
 
    !> Lists the points of the process whose values joints take, ascending, and the first joint of
    !> each.
-   pure subroutine find_points(structure, points, joints)
+   pure subroutine find_input_points(structure, points, joints)
       type(structure_type), intent(in) :: structure
       integer, allocatable, intent(out) :: points(:), joints(:)
       integer :: first(structure%n_points)   ! first joint of each point; 0: none
@@ -188,7 +188,7 @@ contains
       end do
       points = pack([(i, i=1, size(first))], first > 0)
       joints = first(points)
-   end subroutine find_points
+   end subroutine find_input_points
 
    !> Draws from the law of a process, as plan_draws chooses.
    subroutine draw_law(seed, model, points, draws, n_independent, at_most)
@@ -216,7 +216,7 @@ contains
             draws(i, :) = values(points)
          end do
       else
-         n_chains = chains_of(model)
+         n_chains = n_chains_of(model)
          allocate (chains(n_chains, stride*((n - 1)/n_chains + 1)))
          stream = new_stream(seed, label, 0)
          call draw_chains(model, stream, chains)

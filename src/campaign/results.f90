@@ -85,7 +85,7 @@ module campaign_results
       type(statistic_type), allocatable :: sensitivity(:, :)
    contains
       procedure :: start
-      procedure :: take_spectrum
+      procedure :: store_spectrum
    end type case_estimates
 
 contains
@@ -145,7 +145,7 @@ contains
 
    !> Stores the estimates of the spectra of a dof. At higher frequencies, which have no power, it
    !> stores the plain ones.
-   pure subroutine take_spectrum(self, dof, plain, spectrum, integrals)
+   pure subroutine store_spectrum(self, dof, plain, spectrum, integrals)
       class(case_estimates), intent(inout) :: self
       integer, intent(in) :: dof
       type(case_statistics), intent(in) :: plain
@@ -161,6 +161,6 @@ contains
          mean%error = upward_error(mean%value, mean%error &
                                    *student_factor(plain%psd_mean_freedoms(dof, n + 1:)))
       end associate
-   end subroutine take_spectrum
+   end subroutine store_spectrum
 
 end module campaign_results

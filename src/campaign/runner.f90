@@ -10,7 +10,7 @@ module campaign_runner
    use dynamics_excitation, only: noise_force, sine_force
    use dynamics_newmark_march, only: new_newmark, newmark_marcher
    use dynamics_response, only: marcher_type
-   use numerics_spectrum, only: can_follow_power, count_segments, welch_type
+   use numerics_spectrum, only: has_enough_batches, count_segments, welch_type
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -202,7 +202,7 @@ contains
       layout%overlap = layout%segment_length/2
       n = (plan%integration%n_steps - plan%integration%n_discard)/layout%every
       layout%n_segments = count_segments(n, layout%segment_length, layout%overlap)
-      layout%follows_power = can_follow_power(layout%n_segments) .and. &
+      layout%follows_power = has_enough_batches(layout%n_segments) .and. &
                              .not. plan%excitation%per_sample
       layout%frequency = [(i/(layout%segment_length*layout%every*plan%integration%dt), &
                            i=0, layout%segment_length/2)]

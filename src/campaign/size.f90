@@ -11,7 +11,7 @@ module campaign_size
    use core_chunks, only: frequencies_together, stored_bytes
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long, wp
-   use core_memory, only: gives_memory
+   use core_memory, only: can_allocate
    use core_text, only: to_text
    use numerics_correlated, only: n_batches
    use numerics_spectrum, only: last_of_ranges
@@ -19,9 +19,9 @@ module campaign_size
    use process_direct_sign_search, only: max_listed
    use process_model, only: process_model_type, process_request
    use statistics_estimates, only: numbers_of_statistic
-   use statistics_law, only: most_kept, n_points
+   use statistics_law, only: most_kept_draws, n_points
    use statistics_spectra, only: fitted_together => together
-   use statistics_surrogate, only: most_landmarks, outputs_judged, samples_paired
+   use statistics_surrogate, only: most_landmarks, most_pair_outputs, most_pair_samples
    use structure_model, only: structure_memory => memory_of_matrices
    implicit none(type, external)
    private
@@ -315,12 +315,12 @@ contains
                             stride)
          end associate
          draws = real(n_draws, wp)*(stride + 3*d)
-         law = real(min(n_draws, most_kept), wp)*d*size(pools(p)%cases)
+         law = real(min(n_draws, most_kept_draws), wp)*d*size(pools(p)%cases)
          outputs = 0.0_wp
          if (nf > 0) outputs = real(nf, wp)*(4*n + 2*min(most_landmarks, n)) &
                                + real(n_points, wp)*(min(most_landmarks, n) + 5*fitted_together) &
-                               + real((nf - 1)/fitted_together + 1, wp)*outputs_judged*n &
-                               *2*min(samples_paired, n)
+                               + real((nf - 1)/fitted_together + 1, wp)*most_pair_outputs*n &
+                               *2*min(most_pair_samples, n)
          bytes = max(bytes, real_bytes*(law + max(draws, outputs)))
       end do
    end function memory_of_regression
@@ -367,7 +367,7 @@ contains
       character(*), intent(in) :: subject, rule   !! text before and after the number of MB
       type(error_type), allocatable, intent(out) :: error
 
-      if (.not. gives_memory(bytes)) &
+      if (.not. can_allocate(bytes)) &
          call raise(error, exit_bad_input, name//' = '//to_text(value)//': '//subject// &
                     to_text(nint(bytes/1.0e6_wp, long))//rule)
    end subroutine require

@@ -5,7 +5,7 @@ module config_process_summary
    use core_kinds, only: wp
    use core_text, only: brief, labelled, numbered, numbers_text, padded, to_text
    use process_model, only: branch_note, process_model_type, process_request
-   use process_realization, only: way_of_drawing, way_type
+   use process_realization, only: cheaper_drawing, exact_drawing
    use process_reference, only: is_reference, law_name
    implicit none(type, external)
    private
@@ -90,7 +90,7 @@ contains
       type(process_model_type), intent(in) :: predicted(:)
       integer, intent(in) :: n_points
       character(:), allocatable :: text
-      type(way_type) :: ways(size(predicted))
+      type(exact_drawing) :: ways(size(predicted))
       logical :: is_exact(size(predicted))
       integer :: i
 
@@ -100,7 +100,7 @@ contains
                           request%sampler == 'exact' .and. allocated(predicted(i)%a) .and. &
                           .not. allocated(predicted(i)%g)
          end associate
-         if (is_exact(i)) ways(i) = way_of_drawing(predicted(i), n_points)
+         if (is_exact(i)) ways(i) = cheaper_drawing(predicted(i), n_points)
       end do
       text = drawing_line(is_exact .and. ways%by_windows, &
                           'whole windows, redrawn until one is positive: ', ways%n_windows, &

@@ -6,14 +6,14 @@
 !> and checks beforehand that the buffers can be allocated.
 module core_memory
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_loc, c_null_char, &
-                                          c_null_ptr, c_ptr
+                                                                             c_null_ptr, c_ptr
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use core_system, only: c_setenv
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: gives_memory, require_memory, restart_without_threads
+   public :: can_allocate, require_memory, restart_without_threads
 
    character(*), parameter :: n_threads = 'OPENBLAS_NUM_THREADS'
    integer, parameter :: needed_megabytes = 256               !! OpenBLAS 128, MPI 64, others 64
@@ -103,25 +103,25 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       if (.not. limits_memory()) return
-      if (.not. gives_memory(1.0e6_wp*needed_megabytes)) &
+      if (.not. can_allocate(1.0e6_wp*needed_megabytes)) &
          call raise(error, exit_file, 'memory: the system does not give the '// &
                     to_text(needed_megabytes)//' MB that libraries take before any work: '// &
                     'raise the limit (ulimit -v) to 400000 kB or more')
    end subroutine require_memory
 
    !> True if so much memory can be allocated now; it is freed at once.
-   function gives_memory(bytes)
+   function can_allocate(bytes)
       real(wp), intent(in) :: bytes
-      logical :: gives_memory
+      logical :: can_allocate
       real(wp), parameter :: word = 8.0_wp   ! bytes of a number
       real(wp), allocatable, volatile :: words(:)
       integer :: status
 
-      gives_memory = bytes/word < real(huge(1_long), wp)/16
-      if (.not. gives_memory) return
+      can_allocate = bytes/word < real(huge(1_long), wp)/16
+      if (.not. can_allocate) return
       allocate (words(max(1_long, nint(bytes/word, long))), stat=status)
-      gives_memory = status == 0
-      if (gives_memory) words(1) = 0.0_wp
-   end function gives_memory
+      can_allocate = status == 0
+      if (can_allocate) words(1) = 0.0_wp
+   end function can_allocate
 
 end module core_memory

@@ -6,7 +6,7 @@ module dynamics_excitation
    use core_random, only: stream_type
    use core_text, only: to_text
    use numerics_fftw, only: good_fft_length
-   use numerics_synthesis, only: sum_lines
+   use numerics_synthesis, only: signal_of_lines
    implicit none(type, external)
    private
    public :: narrow_rule, narrowest_band, noise_force, sine_force
@@ -64,7 +64,7 @@ contains
             end if
          end associate
       end do
-      call sum_lines(n, first, line, force)
+      call signal_of_lines(n, first, line, force)
    end subroutine noise_force
 
    !> Makes a sine force, linear between steps, whose fundamental is sin(2 pi f t). Linear between

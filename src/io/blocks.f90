@@ -13,7 +13,7 @@ module io_blocks
    use io_hdf5, only: hdf5_file
    implicit none(type, external)
    private
-   public :: put_block, read_block, write_blocks
+   public :: write_block, read_block, write_blocks
 
    integer, parameter :: to_shard = 1, from_file = 2, to_results = 3   !! directions of the data
 
@@ -86,7 +86,7 @@ contains
 
    !> Writes a block to the group of its case in a results file: its short datasets, or, with the
    !> numbers of transitions, its long ones.
-   subroutine put_block(group, plan, block, n_written, n_transitions)
+   subroutine write_block(group, plan, block, n_written, n_transitions)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       type(block_result), intent(inout) :: block      !! left as it was
@@ -109,7 +109,7 @@ contains
          call visit_short(v, block)
       end if
       group = v%group
-   end subroutine put_block
+   end subroutine write_block
 
    !> Visits the datasets whose size does not depend on the number of steps.
    subroutine visit_short(v, block)

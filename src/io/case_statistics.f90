@@ -9,7 +9,7 @@ module io_case_statistics
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: numbered
-   use io_blocks, only: put_block
+   use io_blocks, only: write_block
    use io_files, only: folder_of
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file
@@ -50,7 +50,7 @@ contains
       type(group_type), intent(inout) :: group
       type(case_statistics), intent(in) :: plain
       character(*), parameter :: time_error = 'time-average error, the same for any number of '// &
-                                              'samples, of '
+                                 'samples, of '
       integer :: last
 
       call group%put('slip_mean_time_error', plain%slip_mean_time_error, '1', &
@@ -93,10 +93,10 @@ contains
 
       if (allocated(group%error)) return
       member = group
-      call member%go_to(group%path//'/plain')
+      call member%change_to(group%path//'/plain')
       call write_methods(member, .false., allocated(plain%psd))
       call write_statistics(member, plain)
-      call member%go_to(group%path//'/error_ratio')
+      call member%change_to(group%path//'/error_ratio')
       call write_statistics(member, found%best, found)
       call member%take_error(group%error)
    end subroutine write_plain
@@ -269,7 +269,7 @@ contains
                            'values at least the root mean square over joints or dofs')
       call group%put_axis('sample', samples%n_samples, 'sample')
       call write_dofs(group, plan)
-      call put_block(group, plan, samples)
+      call write_block(group, plan, samples)
       if (plan%output%spectrum) then
          call group%put('frequency', layout%frequency, 'Hz', 'frequency', 'frequency')
          call group%put('percentile', plan%output%percentiles, '%', 'percentile over samples', &

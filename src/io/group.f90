@@ -16,7 +16,7 @@ module io_group
       generic :: put => put_reals, put_integers
       procedure :: axes_named
       procedure :: get_number
-      procedure :: go_to
+      procedure :: change_to
       procedure :: put_axis
       procedure :: put_value
       procedure :: start_table
@@ -32,7 +32,7 @@ contains
       type(group_type) :: group
 
       group%file = file
-      call group%go_to(path)
+      call group%change_to(path)
    end function new_group
 
    !> Names of axes, with the name of `kept_axis` in place of 'kept'.
@@ -48,13 +48,13 @@ contains
    end function axes_named
 
    !> Changes to another group of the file, created if it is missing.
-   subroutine go_to(self, path)
+   subroutine change_to(self, path)
       class(group_type), intent(inout) :: self
       character(*), intent(in) :: path
 
       self%path = path
       if (.not. allocated(self%error)) call self%file%make_group(path, self%error)
-   end subroutine go_to
+   end subroutine change_to
 
    !> Writes a whole dataset of any rank, or nothing if `values` is absent or unallocated.
    subroutine put_reals(self, name, values, units, long_name, axes, kind, extents)

@@ -45,10 +45,10 @@ module io_lock
       integer(c_long) :: stamp(size(stamp_words)) = 0
    contains
       procedure :: is_held
-      procedure :: keep
+      procedure :: check_ownership
       procedure :: publish
       procedure :: claim
-      procedure :: give_back
+      procedure :: release_claim
       procedure :: release
    end type lock_type
 
@@ -141,7 +141,7 @@ contains
    !> Checks that the lock still is this run's and that the output is as it was found or left. The
    !> error names the run that has the lock now. A lock file that was removed is made again, unless
    !> another run has done so. A lock that is not held raises no error.
-   subroutine keep(self, error)
+   subroutine check_ownership(self, error)
       class(lock_type), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
       type(lock_type) :: again
@@ -163,7 +163,7 @@ contains
       end if
       now = stamp_of(self%output)
       if (any(now /= 0) .and. any(now /= self%stamp)) call refuse_change(self, error)
-   end subroutine keep
+   end subroutine check_ownership
 
    !> Renames a finished file to the output. Replaces the file that was there when the lock was
    !> taken, and no other.
@@ -174,7 +174,7 @@ contains
       integer(c_int), parameter :: eexist = 17   !! Linux
       integer(c_int) :: number
 
-      call self%keep(error)
+      call self%check_ownership(error)
       if (allocated(error)) return
       if (exists(self%output)) then
          call rename_file(temporary, self%output, error)
@@ -210,13 +210,13 @@ contains
    end function claim
 
    !> Releases a claimed block that is finished or left to other runs.
-   subroutine give_back(self, number)
+   subroutine release_claim(self, number)
       class(lock_type), intent(in) :: self
       integer(long), intent(in) :: number
       logical :: ignored
 
       ignored = lockf_succeeds(self, unlock, n_presence_bytes + int(number, c_long), one_byte)
-   end subroutine give_back
+   end subroutine release_claim
 
    !> Releases the lock. A run alone first removes the file, while it is still locked, and the
    !> folders that it made if they are empty.

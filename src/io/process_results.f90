@@ -8,13 +8,13 @@ module io_process_results
    use io_group, only: group_type, new_group
    use io_hdf5, only: hdf5_file, open_hdf5
    use io_store, only: create_in_store, finish_in_store, open_in_store, shard_store
-   use process_components, only: axis_type, component, component_visitor, forget_components, &
+   use process_components, only: axis_type, component, component_visitor, reset_components, &
                                  visit_components
    use process_model, only: process_model_type, process_request
    use process_reference, only: is_reference, law_name
    implicit none(type, external)
    private
-   public :: keep_process, process_file_name, read_kept, write_process
+   public :: store_process, process_file_name, read_stored_processes, write_process
 
    character(*), parameter :: solution = '/solution'   !! group in a file of the store
    character(*), parameter :: advice = '; remove it to have its process solved again'
@@ -74,7 +74,7 @@ contains
       type(group_visitor) :: visitor
 
       visitor%group = group_type(file=file, path=group)
-      call forget_components(model)
+      call reset_components(model)
       call visit_components(visitor, model)
       call visitor%group%take_error(error)
       if (.not. (allocated(error) .or. model%is_solved .or. allocated(model%reason))) &
@@ -193,7 +193,7 @@ contains
 
    !> Writes a process that is solved, or refused with its reason, to a file of the store. It is on
    !> the disk when this returns without error.
-   subroutine keep_process(store, number, model, error)
+   subroutine store_process(store, number, model, error)
       type(shard_store), intent(in) :: store
       integer, intent(in) :: number   !! number of the process
       type(process_model_type), intent(in) :: model
@@ -208,11 +208,11 @@ contains
       call write_solution(group, model)
       call group%take_error(error)
       call finish_in_store(store, process_file_name(number), file, error)
-   end subroutine keep_process
+   end subroutine store_process
 
    !> Reads the processes that a store or an earlier results file has. Refuses a damaged file of the
    !> store, and one of another scene or program; inspect_results has checked the results file.
-   subroutine read_kept(store, models, is_kept, error)
+   subroutine read_stored_processes(store, models, is_kept, error)
       type(shard_store), intent(in) :: store
       type(process_model_type), intent(inout) :: models(:)   !! (process), their requests known
       logical, intent(out) :: is_kept(:)                     !! true if a file has the process
@@ -237,7 +237,7 @@ contains
          end if
       end do
       call results%abandon()
-   end subroutine read_kept
+   end subroutine read_stored_processes
 
    !> Reads a process from its file of the store.
    subroutine read_from_store(store, number, model, error)

@@ -8,7 +8,7 @@ module io_results
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: numbered
-   use io_blocks, only: put_block
+   use io_blocks, only: write_block
    use io_contents, only: check_contents, write_contents
    use io_files, only: folder_of, sync_file
    use io_group, only: group_type, new_group
@@ -177,7 +177,7 @@ contains
             if (allocated(block%psd)) deallocate (block%psd)
             if (allocated(block%power_series)) deallocate (block%power_series)
          end if
-         call put_block(group, plan, block, n_written, n_transitions)
+         call write_block(group, plan, block, n_written, n_transitions)
       end do
       call group%take_error(error)
    end subroutine finish_case

@@ -17,8 +17,8 @@ module io_shards
    implicit none(type, external)
    private
    public :: shard_type
-   public :: list_shards, path_of, read_shard, remove_covered, write_shard
-   public :: finished_samples, order_shards, stored_samples
+   public :: list_shards, shard_path, read_shard, remove_merged_shards, write_shard
+   public :: finished_samples, sort_shards, stored_samples
 
    character(*), parameter :: advice = '; remove it to have its samples computed again'
 
@@ -65,14 +65,14 @@ contains
    end subroutine write_shard
 
    !> Path of a shard, which need not exist, or of the results file that has the samples.
-   pure function path_of(store, shard) result(path)
+   pure function shard_path(store, shard) result(path)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shard
       character(:), allocatable :: path
 
       path = store%folder//'/'//shard_name(shard)
       if (shard%group /= '') path = store%output
-   end function path_of
+   end function shard_path
 
    !> Lists the shards of a store by their names; refuses a file with another name.
    subroutine list_shards(store, shards, error)
@@ -109,7 +109,7 @@ contains
 
       block = empty_block
       if (shard%group /= '') then
-         call open_hdf5(path_of(store, shard), file, error)
+         call open_hdf5(shard_path(store, shard), file, error)
       else
          call open_in_store(store, shard_name(shard), 'samples', advice, file, error)
       end if
@@ -125,7 +125,7 @@ contains
 
    !> Removes the shards whose samples a results file has, and the store if no other shards are
    !> left. Stops without an error if the run has lost its lock.
-   subroutine remove_covered(store, lock, n_samples, error)
+   subroutine remove_merged_shards(store, lock, n_samples, error)
       type(shard_store), intent(in) :: store
       type(lock_type), intent(inout) :: lock
       integer, intent(in) :: n_samples(:)   !! (case) in the results file
@@ -139,20 +139,20 @@ contains
       if (allocated(error)) return
       all_covered = .true.
       do i = 1, size(shards)
-         call lock%keep(lost)
+         call lock%check_ownership(lost)
          if (allocated(lost)) return
          last = 0
          if (shards(i)%case_number <= size(n_samples)) last = n_samples(shards(i)%case_number)
          if (shards(i)%last > last) then
             all_covered = .false.
          else
-            call remove_file(path_of(store, shards(i)), error)
+            call remove_file(shard_path(store, shards(i)), error)
             if (allocated(error)) return
          end if
       end do
-      call lock%keep(lost)
+      call lock%check_ownership(lost)
       if (all_covered .and. .not. allocated(lost)) call remove_store(store, error)
-   end subroutine remove_covered
+   end subroutine remove_merged_shards
 
    !> Name of a shard, such as c007_s00033-00064.h5 for samples 33 to 64 of case 7.
    pure function shard_name(shard) result(name)
@@ -182,14 +182,14 @@ contains
    end function finished_samples
 
    !> Sorts shards by cases, then by samples, for reading.
-   pure subroutine order_shards(store, shards, stored)
+   pure subroutine sort_shards(store, shards, stored)
       type(shard_store), intent(in) :: store
       type(shard_type), intent(in) :: shards(:)
       type(stored_samples), intent(out) :: stored
 
       stored%store = store
       stored%shards = shards(sort_order(shards%case_number*2.0_wp**31 + shards%first))
-   end subroutine order_shards
+   end subroutine sort_shards
 
    !> Shards with any of samples first..last of a case, in order of samples.
    pure function shards_of(self, case_number, first, last) result(shards)
@@ -224,7 +224,7 @@ contains
       do i = 1, size(shards)
          associate (shard => shards(i), from => max(shards(i)%first, first), &
                     to => min(shards(i)%last, last))
-            call open_hdf5(path_of(self%store, shard), file, error)
+            call open_hdf5(shard_path(self%store, shard), file, error)
             if (allocated(error)) return
             call read_block(file, trim(shard%group), block, &
                             shard%file_offset + from - shard%first, from - first, to - from + 1, &
@@ -256,7 +256,7 @@ contains
       do i = 1, size(shards)
          associate (shard => shards(i), from => max(shards(i)%first, first(3)), &
                     to => min(shards(i)%last, last))
-            call open_hdf5(path_of(self%store, shard), file, error)
+            call open_hdf5(shard_path(self%store, shard), file, error)
             if (allocated(error)) return
             group%file = file
             group%path = trim(shard%group)

@@ -9,7 +9,7 @@ module io_store
    implicit none(type, external)
    private
    public :: shard_store, new_store
-   public :: begin_file, create_in_store, discard_file, finish_in_store, numbers_in, &
+   public :: create_unfinished, create_in_store, discard_file, finish_in_store, numbers_in, &
              open_in_store, remove_leftovers, remove_store
 
    !> Paths of an output and of its store, and the identity that its files must have.
@@ -42,7 +42,7 @@ contains
 
       call make_folder(store%folder, error)
       if (.not. allocated(error)) &
-         call begin_file(store%folder//'/'//name, store%identity, file, error)
+         call create_unfinished(store%folder//'/'//name, store%identity, file, error)
       if (allocated(error)) return
       root = hdf5_object(file, '/')
       root%has_fixed_texts = .true.
@@ -52,7 +52,7 @@ contains
    end subroutine create_in_store
 
    !> Creates a file with an identity under a temporary name; removes it after an error.
-   subroutine begin_file(path, identity, file, error)
+   subroutine create_unfinished(path, identity, file, error)
       character(*), intent(in) :: path   !! final path
       type(identity_type), intent(in) :: identity
       type(hdf5_file), intent(out) :: file
@@ -61,7 +61,7 @@ contains
       call create_hdf5(unfinished_name(path), file, error)
       if (.not. allocated(error)) call write_identity(file, identity, error)
       if (allocated(error)) call discard_file(file)
-   end subroutine begin_file
+   end subroutine create_unfinished
 
    !> Closes and removes an unfinished file. A finished file of its final name stays.
    subroutine discard_file(file)

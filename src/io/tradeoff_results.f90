@@ -56,7 +56,7 @@ contains
       type(setting_row), intent(in) :: rows(:)
       integer, intent(in) :: n_short   !! steps of the trial marches
 
-      call group%go_to('/tradeoff')
+      call group%change_to('/tradeoff')
       call group%attribute('n_steps', n_short)
       call group%attribute('reference', 'event, tolerance 1e-12')
       call group%attribute('method_meanings', '0 newmark, 1 event')
@@ -72,7 +72,7 @@ contains
       call group%put('seconds', 1.0e-9_wp*sample_steps(plan)*rows%cost, 's', &
                      'processor time of the march of the scene')
       call group%put('slip', rows%error(slip), '%', 'rms error of a slip fraction, in points')
-      call group%put('slip_error', 0.5_wp*(rows%surely(slip) - rows%error(slip)), '%', &
+      call group%put('slip_error', 0.5_wp*(rows%error_bound(slip) - rows%error(slip)), '%', &
                      'standard error of slip')
       call group%put('slip_mean', rows%error(slip_mean), '%', &
                      'error of the mean slip fraction, in points')
@@ -83,7 +83,7 @@ contains
                      'relative error of the percentiles of the spectrum')
       call group%put('band_ratio', rows%error(band_ratio), '1', 'relative error of the band ratio')
       call group%put('band_ratio_error', &
-                     0.5_wp*(rows%surely(band_ratio) - rows%error(band_ratio)), '1', &
+                     0.5_wp*(rows%error_bound(band_ratio) - rows%error(band_ratio)), '1', &
                      'standard error of band_ratio')
       call group%put('is_on_front', merge(1, 0, rows%is_on_front), '1', &
                      '1: nothing cheaper has a smaller error of slip')
@@ -95,7 +95,7 @@ contains
       type(group_type), intent(inout) :: group
       type(error_components), intent(in) :: errors
 
-      call group%go_to('/tradeoff/parts')
+      call group%change_to('/tradeoff/parts')
       call put_component('discretisation', errors%discretisation, 'numerical error')
       call put_component('time', errors%time, 'time-average error')
       call put_component('samples', errors%samples, 'Monte Carlo error')
@@ -125,7 +125,7 @@ contains
       type(spectrum_row), intent(in) :: rows(:)
 
       if (size(rows) == 0) return
-      call group%go_to('/tradeoff/spectra')
+      call group%change_to('/tradeoff/spectra')
       call group%start_table('way', size(rows), 'way to form spectra')
       call group%put('every', rows%every, '1', 'steps between values')
       call group%put('segment_length', rows%segment_length, '1', 'steps of a segment')
@@ -139,7 +139,7 @@ contains
       type(group_type), intent(inout) :: group
       type(size_row), intent(in) :: rows(:)
 
-      call group%go_to('/tradeoff/sizes')
+      call group%change_to('/tradeoff/sizes')
       call group%start_table('size', size(rows), 'samples and steps')
       call group%put('n_samples', rows%n_samples, '1', 'samples of the largest case')
       call group%put('n_steps', real(rows%n_steps, wp), '1', 'steps')
@@ -158,8 +158,8 @@ contains
       type(variant_row), intent(in) :: rows(:)
 
       if (size(rows) == 0) return
-      call group%go_to('/tradeoff/variants')
-      call group%attribute('n_samples', tradeoff%n_wide)
+      call group%change_to('/tradeoff/variants')
+      call group%attribute('n_samples', tradeoff%n_variant_samples)
       call group%attribute('n_steps', tradeoff%wide%integration%n_steps)
       call group%start_table('variant', size(rows), 'process fitted otherwise')
       associate (own => tradeoff%scope%variants(rows%variant))
@@ -199,7 +199,7 @@ contains
 
       n = size(rows)
       if (n == 0) return
-      call group%go_to('/tradeoff/orders')
+      call group%change_to('/tradeoff/orders')
       call group%start_table('row', n, 'process and order')
       call group%put('is_direct', [(merge(1, 0, rows(i)%method == 'direct'), i=1, n)], '1', &
                      '0: autoregressive, 1: direct method')

@@ -8,7 +8,8 @@ module numerics_constrained_maximum
    use numerics_lapack, only: solve_positive_definite, unit_matrix
    implicit none(type, external)
    private
-   public :: objective_type, search_result, maximize, rest_of_gradient, solve_along, step_to_maximum
+   public :: objective_type, search_result, maximize, projected_gradient, restore_constraints, &
+             step_to_maximum
 
    !> Result of a search.
    type :: search_result
@@ -88,7 +89,7 @@ contains
             found%jacobian = jacobian
             found%multipliers = multipliers
             found%violation = maxval(abs(state(:n)))
-            found%residual = maxval(abs(rest_of_gradient(gradient, jacobian)))
+            found%residual = maxval(abs(projected_gradient(gradient, jacobian)))
             found%is_converged = max(found%violation, found%residual) <= tolerance
             if (found%is_converged) return
             change = change*min(1.0_wp, 0.5_wp/max(norm2(change), tiny(1.0_wp)))
@@ -160,7 +161,7 @@ contains
 
    !> Moves the point onto the constraints by the shortest steps in the metric of the last search;
    !> each step updates the Jacobian (Broyden).
-   subroutine solve_along(objective, tolerance, max_iterations)
+   subroutine restore_constraints(objective, tolerance, max_iterations)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(in) :: tolerance
       integer, intent(in) :: max_iterations
@@ -180,7 +181,7 @@ contains
             direction = change/dot_product(change, change)
             objective%found%jacobian = objective%found%jacobian &
                                        + spread(constraints, 2, size(change)) &
-                                         *spread(direction, 1, size(constraints))
+                                       *spread(direction, 1, size(constraints))
          end if
          if (objective%found%violation <= tolerance) return
          change = 0.0_wp
@@ -188,7 +189,7 @@ contains
          if (.not. is_regular) return
          objective%point = objective%point + change
       end do
-   end subroutine solve_along
+   end subroutine restore_constraints
 
    !> Finds gradient and Jacobian by forward differences, or backward ones at the domain's edge.
    subroutine differentiate(objective, state, step, gradient, jacobian, is_inside)
@@ -246,7 +247,7 @@ contains
 
    !> Part of the gradient orthogonal to the gradients of the constraints; all of it if these are
    !> linearly dependent.
-   function rest_of_gradient(gradient, jacobian) result(rest)
+   function projected_gradient(gradient, jacobian) result(rest)
       real(wp), intent(in) :: gradient(:), jacobian(:, :)
       real(wp) :: rest(size(gradient))
       real(wp) :: change(size(gradient)), multipliers(size(jacobian, 1)), zero(size(jacobian, 1))
@@ -260,7 +261,7 @@ contains
                               is_regular)
          if (is_regular) rest = change
       end do
-   end function rest_of_gradient
+   end function projected_gradient
 
    !> Updates the inverse Hessian by BFGS; a pair without positive curvature is skipped.
    pure subroutine update_metric(change, curvature, metric)

@@ -12,7 +12,7 @@ module numerics_spectrum
    use numerics_fftw, only: real_fft
    implicit none(type, external)
    private
-   public :: welch_type, count_segments, can_follow_power, error_of_density, last_of_ranges
+   public :: welch_type, count_segments, has_enough_batches, error_of_density, last_of_ranges
 
    real(wp), parameter :: growth = 1.5_wp   !! last frequency of a range over that of the one before
 
@@ -52,11 +52,11 @@ contains
    end function count_segments
 
    !> True if there are at least two segments for each batch.
-   pure logical function can_follow_power(n_segments)
+   pure logical function has_enough_batches(n_segments)
       integer, intent(in) :: n_segments
 
-      can_follow_power = n_segments >= 2*n_batches
-   end function can_follow_power
+      has_enough_batches = n_segments >= 2*n_batches
+   end function has_enough_batches
 
    !> Relative standard error of a density of a Gaussian record, for segments that overlap by half.
    !> The correlation of neighbouring Hann segments is 1/6 in amplitude and 1/36 in power (Welch,
@@ -133,7 +133,7 @@ contains
 
       do series = 1, size(self%segment, 2)
          call apply_window(self%length, self%first, self%window, self%segment(:, series), &
-                    self%transform%signal)
+                           self%transform%signal)
          call self%transform%execute()
          call add_square(size(self%power, 1), self%transform%spectrum, self%power(:, series))
       end do

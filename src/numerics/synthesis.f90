@@ -8,7 +8,7 @@ module numerics_synthesis
    use numerics_fftw, only: real_fft
    implicit none(type, external)
    private
-   public :: sum_lines
+   public :: signal_of_lines
 
    integer, parameter :: max_phases = 64   !! each phase adds a rounding error to the factors
    integer, parameter :: together = 8      !! phases that are stored side by side
@@ -17,7 +17,7 @@ contains
 
    !> Computes signal(j) = sum over k of line(k) exp(2 pi i j k/n) + its conjugate; lines 0 and n/2
    !> count once, with their real parts.
-   subroutine sum_lines(n, first, line, signal)
+   subroutine signal_of_lines(n, first, line, signal)
       integer, intent(in) :: n                    !! values of a period
       integer, intent(in) :: first                !! index of the first line, at least 0
       complex(wp), intent(in) :: line(first:)     !! (k), up to n/2 at most
@@ -60,7 +60,7 @@ contains
             signal(place:place + i - 1) = part(:i, k)
          end do
       end do
-   end subroutine sum_lines
+   end subroutine signal_of_lines
 
    !> Largest number of phases P that divides n with n/P > 2 last.
    pure integer function count_phases(n, last)

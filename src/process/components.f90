@@ -6,7 +6,7 @@ module process_components
    use process_reference, only: has_one_value
    implicit none(type, external)
    private
-   public :: axis_type, component, component_visitor, forget_components, visit_components
+   public :: axis_type, component, component_visitor, reset_components, visit_components
 
    !> Axis of an array: its name, its meaning and the number of its first element.
    type :: axis_type
@@ -152,13 +152,13 @@ contains
    end function whole
 
    !> Resets all components but the request.
-   subroutine forget_components(model)
+   subroutine reset_components(model)
       type(process_model_type), intent(inout) :: model
       type(process_model_type) :: blank
 
       blank%request = model%request
       model = blank
-   end subroutine forget_components
+   end subroutine reset_components
 
    !> Visits every component but the request. Which components there are follows from the request
    !> and the components before.

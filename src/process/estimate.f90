@@ -50,7 +50,7 @@ module process_estimate
       type(process_model_type) :: model         !! solved
       real(wp) :: mean = 0.0_wp, mean_error = 0.0_wp
       real(wp) :: std = 0.0_wp, std_error = 0.0_wp
-      real(wp) :: std_of_lines = 0.0_wp         !! std of the means of the records, if several
+      real(wp) :: std_of_record_means = 0.0_wp   !! std of the means of the records, if several
       real(wp) :: l0 = 0.0_wp, l0_error = 0.0_wp, l0_range(2) = 0.0_wp   !! [lags]
       real(wp) :: longest = 0.0_wp              !! largest L0 of the candidates of this order [lags]
       real(wp) :: l1 = 0.0_wp, l1_error = 0.0_wp, l1_range(2) = 0.0_wp   !! [lags]
@@ -152,7 +152,7 @@ contains
          column = [column, records(i)%value(measured)]
          if (size(measured) > 0) means = [means, mean_of(records(i)%value(measured))]
       end do
-      if (size(means) > 1) estimate%std_of_lines = standard_deviation(means)
+      if (size(means) > 1) estimate%std_of_record_means = standard_deviation(means)
       estimate%n_records = size(records)
       estimate%n_values = size(column)
       values = reshape(column, [size(column), 1])

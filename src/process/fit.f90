@@ -8,13 +8,13 @@ module process_fit
    use process_direct_sign_search, only: search_result
    use process_model, only: process_model_type, process_request
    use process_order, only: choose_order, fit_positive_order
-   use process_positive_fit, only: fit_positive, foresee_positive
+   use process_positive_fit, only: fit_positive, predict_positive
    use process_realization, only: burn_in_length, widest_margin
    use process_reference, only: fit_reference, is_reference
-   use process_scaling, only: carry_over, unit_request
+   use process_scaling, only: scale_to_request, scaled_request
    implicit none(type, external)
    private
-   public :: fit_process, fit_from_search, foresee_process
+   public :: fit_process, fit_from_search, predict_process
 
 contains
 
@@ -28,11 +28,11 @@ contains
       type(error_type), allocatable :: error
 
       if (is_reference(request)) then
-         call fit_reference(unit_request(request), model)
-         call carry_over(request, model)
+         call fit_reference(scaled_request(request), model)
+         call scale_to_request(request, model)
          return
       end if
-      call resolve_order(unit_request(request), resolved, error)
+      call resolve_order(scaled_request(request), resolved, error)
       if (.not. allocated(error)) then
          if (request%positive .and. request%order == 0) then
             call fit_positive_order(resolved, seed, model)
@@ -46,7 +46,7 @@ contains
          model%is_solved = .false.
          model%reason = error%message
       end if
-      call carry_over(request, model)
+      call scale_to_request(request, model)
       call check_simulation(model)
    end subroutine fit_process
 
@@ -74,9 +74,9 @@ contains
    end subroutine check_simulation
 
    !> Forecasts a fit, in a fraction of a second as a rule: refuses a request that the fit would
-   !> refuse at once. Fills the components of the model that `way_of_drawing` needs for the exact
+   !> refuse at once. Fills the components of the model that `cheaper_drawing` needs for the exact
    !> law, roughly.
-   subroutine foresee_process(request, seed, model)
+   subroutine predict_process(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
@@ -87,10 +87,10 @@ contains
          call fit_process(request, seed, model)
          return
       end if
-      call resolve_order(unit_request(request), resolved, error)
+      call resolve_order(scaled_request(request), resolved, error)
       if (.not. allocated(error)) then
          if (request%positive) then
-            call foresee_positive(resolved, seed, model, error)
+            call predict_positive(resolved, seed, model, error)
          else if (request%method == 'autoregressive' .or. &
                   resolved%order < certainly_feasible_m_max(resolved)) then
             resolved%all_signs = .false.   ! a short search decides it
@@ -100,7 +100,7 @@ contains
       if (allocated(error)) model%reason = error%message
       model%request = request
       model%is_solved = .not. allocated(model%reason)
-   end subroutine foresee_process
+   end subroutine predict_process
 
    !> Resolves the order of a request: the given one, or a chosen one for 0. Fails if no order has
    !> the process, or if the request is invalid.

@@ -24,19 +24,19 @@ module process_realization
    use process_reference, only: draw_reference, is_reference
    implicit none(type, external)
    private
-   public :: burn_in_length, chains_of, draw_chains, draw_gaussian, draw_points, way_of_drawing, &
-             way_type, widest_margin
+   public :: burn_in_length, cheaper_drawing, draw_chains, draw_gaussian, draw_points, &
+             exact_drawing, n_chains_of, widest_margin
 
    real(wp), parameter :: start_weight = 1.0e-10_wp   !! weight of the start after the sweeps
    real(wp), parameter :: rest_weight = 1.0e-9_wp   !! weight of the start after a burn-in
    integer, parameter :: longest_burn_in = 100000000       !! [points]
 
    !> Method by which a realization of the exact law is drawn, and its cost.
-   type :: way_type
+   type :: exact_drawing
       logical :: by_windows = .false.   !! Gaussian windows until one is positive; else Gibbs sweeps
       real(wp) :: n_windows = 1.0_wp    !! expected number of windows
       integer :: n_sweeps = 0           !! sweeps over one window, a value at a time
-   end type way_type
+   end type exact_drawing
 
 contains
 
@@ -77,7 +77,7 @@ contains
    subroutine draw_chains(model, stream, values)
       type(process_model_type), intent(in) :: model   !! solved
       type(stream_type), intent(inout) :: stream
-      real(wp), intent(out) :: values(:, :)           !! (chain, point) chains_of [unit of X]
+      real(wp), intent(out) :: values(:, :)           !! (chain, point) n_chains_of [unit of X]
 
       if (is_sequential(model)) then
          call march_chains(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), &
@@ -89,11 +89,11 @@ contains
    end subroutine draw_chains
 
    !> Number of realizations that draw_chains draws; 1 unless the sampler is sequential.
-   pure integer function chains_of(model)
+   pure integer function n_chains_of(model)
       type(process_model_type), intent(in) :: model
 
-      chains_of = merge(lanes, 1, is_sequential(model))
-   end function chains_of
+      n_chains_of = merge(lanes, 1, is_sequential(model))
+   end function n_chains_of
 
    !> True if values are drawn one by one by the rejection of Sec. 2.4.
    pure logical function is_sequential(model)
@@ -149,9 +149,9 @@ contains
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
       real(wp) :: window(size(values) + 2*model%memory)
-      type(way_type) :: way
+      type(exact_drawing) :: way
 
-      way = way_of_drawing(model, size(values))
+      way = cheaper_drawing(model, size(values))
       if (way%by_windows) then
          do
             call draw_gaussian(model, stream, window)
@@ -167,10 +167,10 @@ contains
    end subroutine draw_exact
 
    !> Cheaper method for the exact law. Needs coefficients, std, L0, memory and Lambda of the model.
-   pure function way_of_drawing(model, n_points) result(way)
+   pure function cheaper_drawing(model, n_points) result(way)
       type(process_model_type), intent(in) :: model   !! of the exact law
       integer, intent(in) :: n_points
-      type(way_type) :: way
+      type(exact_drawing) :: way
       real(wp), parameter :: trial_cost = 1.5_wp   ! over that of a sweep
       real(wp) :: ln_windows
 
@@ -179,7 +179,7 @@ contains
       ln_windows = -log(model%lambda)*(n_points + 2*model%memory)
       way%by_windows = ln_windows < log(way%n_sweeps/trial_cost)
       if (way%by_windows) way%n_windows = exp(ln_windows)
-   end function way_of_drawing
+   end function cheaper_drawing
 
    !> Draws a Gaussian realization from the stationary law.
    subroutine draw_gaussian(model, stream, values)

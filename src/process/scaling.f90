@@ -9,7 +9,7 @@ module process_scaling
    use process_model, only: process_model_type, process_request, request_label
    implicit none(type, external)
    private
-   public :: unit_request, first_of_fit, carry_over
+   public :: scaled_request, first_of_fit, scale_to_request
 
    !> Multiplies the components of a process by powers of the unit of X.
    type, extends(component_visitor) :: scaling_visitor
@@ -22,7 +22,7 @@ contains
 
    !> Request in the unit of the process: of mean 1 if it is positive, else of mean 0 and std 1. A
    !> request whose mean or std is out of range stays as it is, and will be refused.
-   pure function unit_request(request) result(unit)
+   pure function scaled_request(request) result(unit)
       type(process_request), intent(in) :: request
       type(process_request) :: unit
       logical :: is_scalable   ! mean and std are in range
@@ -34,7 +34,7 @@ contains
       if (.not. is_scalable) return
       unit%mean = merge(1.0_wp, 0.0_wp, request%positive)
       unit%std = request%std/unit_of(request)
-   end function unit_request
+   end function scaled_request
 
    !> Number of the first process with the same fit, for each process. Fits are the same if the
    !> requests in the unit of the process are equal to the last digit of std/mean.
@@ -44,7 +44,7 @@ contains
       integer(long) :: labels(size(requests))
       integer :: i
 
-      labels = [(label_of_fit(unit_request(requests(i))), i=1, size(labels))]
+      labels = [(label_of_fit(scaled_request(requests(i))), i=1, size(labels))]
       first = [(findloc(labels, labels(i), 1), i=1, size(labels))]
    end function first_of_fit
 
@@ -65,7 +65,7 @@ contains
    end function label_of_fit
 
    !> Scales the model of the unit request to that of the request.
-   subroutine carry_over(request, model)
+   subroutine scale_to_request(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(inout) :: model
       type(scaling_visitor) :: visitor
@@ -77,7 +77,7 @@ contains
       if (request%positive) return
       model%mu = request%mean
       model%mean = request%mean
-   end subroutine carry_over
+   end subroutine scale_to_request
 
    !> Scales a component by the power of the unit of X in its unit; adds the logarithm of the unit
    !> to an entropy, but not to its error.

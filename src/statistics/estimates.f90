@@ -6,11 +6,12 @@ module statistics_estimates
    use statistics_order, only: at_rank
    implicit none(type, external)
    private
-   public :: downward_error, end_beyond, estimates_type, inverse_density, nonnegative_statistic, &
-             numbers_of_statistic, plain_deviation, plain_mean, plain_percentile, stated_error, &
-             statistic_type, student_factor, two_sided, uncross, upward_error, zero_estimates
+   public :: downward_error, estimates_type, inverse_density, limit_beyond_samples, &
+             nonnegative_statistic, normal_95, numbers_of_statistic, plain_deviation, plain_mean, &
+             plain_percentile, sort_percentiles, stated_error, statistic_type, student_factor, &
+             upward_error, zero_estimates
 
-   real(wp), parameter :: two_sided = 1.959964_wp   !! half of a normal 95 % interval, over sigma
+   real(wp), parameter :: normal_95 = 1.959964_wp   !! half of a normal 95 % interval, over sigma
    real(wp), parameter :: least_stretch = 0.5_wp    !! lower limit of stretch, where samples tie
    real(wp), parameter :: largest_relative_error = 1.0_wp   !! upper limit in upward_error
    real(wp), parameter :: fewest_degrees = 3.0_wp   !! lower limit of the degrees of freedom
@@ -91,7 +92,7 @@ contains
       rank = 1.0_wp + p*(n - 1)
       scatter = sqrt(p*(1.0_wp - p)*n)
       reach = min(scatter, rank - 1.0_wp, n - rank)
-      has_ends = [rank - two_sided*scatter >= 1.0_wp, rank + two_sided*scatter <= n]
+      has_ends = [rank - normal_95*scatter >= 1.0_wp, rank + normal_95*scatter <= n]
       do o = 1, size(y, 2)
          if (present(ranking)) then
             sorted = y(ranking(:, o), o)
@@ -112,14 +113,14 @@ contains
          factor = 1.0_wp/student_factor(effective_degrees(plain%influence(:, o), &
                                                           sum_of_squares(plain%influence(:, o))))
          plain%stretch(:, o) = max(least_stretch, merge(factor, 1.0_wp, has_ends) &
-                                   *[slope_between(sorted, rank - two_sided*scatter, rank), &
-                                     slope_between(sorted, rank, rank + two_sided*scatter)]/slope)
+                                   *[slope_between(sorted, rank - normal_95*scatter, rank), &
+                                     slope_between(sorted, rank, rank + normal_95*scatter)]/slope)
       end do
    end function plain_percentile
 
    !> Sorts estimates of ascending percentiles, and the ends of their intervals, into ascending
    !> order, which reduces their errors (Chernozhukov, Fernandez-Val and Galichon 2010).
-   pure subroutine uncross(percentiles)
+   pure subroutine sort_percentiles(percentiles)
       type(statistic_type), intent(inout) :: percentiles(:)
 
       associate (value => percentiles%value, low => percentiles%low, high => percentiles%high)
@@ -127,12 +128,12 @@ contains
          low = low(sort_order(low))
          high = high(sort_order(high))
       end associate
-   end subroutine uncross
+   end subroutine sort_percentiles
 
    !> End of a percentile's interval where no order statistic is far enough out. The values are not
    !> negative; their roots have two limits, of which the farther one is taken: 1.96 standard errors
    !> times Student's factor away, and the tolerance limit of a normal law.
-   pure function end_beyond(sorted, p, is_upper) result(value)
+   pure function limit_beyond_samples(sorted, p, is_upper) result(value)
       real(wp), intent(in) :: sorted(:)   !! ascending
       real(wp), intent(in) :: p           !! share of the law below the percentile
       logical, intent(in) :: is_upper
@@ -143,7 +144,7 @@ contains
 
       n = size(sorted)
       root = plain_percentile(reshape(sqrt(sorted), [n, 1]), p, reshape([(i, i=1, n)], [n, 1]))
-      reach = two_sided*stated_error(root%influence(:, 1), 0.0_wp, n)
+      reach = normal_95*stated_error(root%influence(:, 1), 0.0_wp, n)
       centre = sum(sqrt(sorted))/n
       scatter = sqrt(sum((sqrt(sorted) - centre)**2)/(n - 1))
       limit = scatter*tolerance_factor(n, merge(p, 1.0_wp - p, is_upper))
@@ -153,7 +154,7 @@ contains
          value = min(sorted(1), max(0.0_wp, min(root%value(1) - reach*root%stretch(1, 1), &
                                                 centre - limit))**2)
       end if
-   end function end_beyond
+   end function limit_beyond_samples
 
    !> Factor k of a one-sided normal tolerance limit: a share p of the law lies below mean + k std,
    !> both of n values, with probability 0.975 (Natrella 1963, 2-13). For n = 2 that of 3.
@@ -163,8 +164,8 @@ contains
       real(wp) :: a, b, z
 
       z = normal_point(p)
-      a = 1.0_wp - two_sided**2/(2*max(n - 1, 2))
-      b = z**2 - two_sided**2/n
+      a = 1.0_wp - normal_95**2/(2*max(n - 1, 2))
+      b = z**2 - normal_95**2/n
       tolerance_factor = (z + sqrt(z**2 - a*b))/a
    end function tolerance_factor
 
@@ -259,7 +260,7 @@ contains
       real(wp) :: relative
 
       upward_error = error
-      relative = two_sided*min(error, largest_relative_error*value)/max(value, tiny(value))
+      relative = normal_95*min(error, largest_relative_error*value)/max(value, tiny(value))
       if (relative > 0.0_wp) upward_error = error*(exp(relative) - 1.0_wp)/relative
    end function upward_error
 
@@ -274,7 +275,7 @@ contains
    elemental real(wp) function downward_error(value, error)
       real(wp), intent(in) :: value, error
 
-      downward_error = value*(1.0_wp - exp(-two_sided*error/max(value, tiny(value))))/two_sided
+      downward_error = value*(1.0_wp - exp(-normal_95*error/max(value, tiny(value))))/normal_95
    end function downward_error
 
    !> Two-sided 95 % point of Student's law with v degrees of freedom over that of the normal law:
@@ -284,7 +285,7 @@ contains
       real(wp) :: v
 
       v = max(degrees, fewest_degrees)
-      associate (z => two_sided)
+      associate (z => normal_95)
          student_factor = 1.0_wp + (z**2 + 1.0_wp)/(4*v) + (5*z**4 + 16*z**2 + 3.0_wp)/(96*v**2) &
                           + (3*z**6 + 19*z**4 + 17*z**2 - 15.0_wp)/(384*v**3)
       end associate

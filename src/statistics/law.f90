@@ -16,7 +16,7 @@ module statistics_law
    public :: draws_type, law_type, choose_points, error_of_points, keep_draws
 
    integer, parameter :: most_with_products = 12     !! inputs, for products of two
-   integer, parameter, public :: most_kept = 2**15   !! draws that are kept
+   integer, parameter, public :: most_kept_draws = 2**15   !! draws that are kept
    integer, parameter, public :: n_points = 4096     !! points of a law
    integer, parameter :: points_per_block = 16
    integer, parameter :: n_direction_steps = 8   !! steps of a component, 0 to the largest one
@@ -55,7 +55,7 @@ contains
       n = size(x, 1)
       draws%n_all = n
       draws%n_independent = n_independent
-      draws%x = x(1::(n - 1)/most_kept + 1, :)
+      draws%x = x(1::(n - 1)/most_kept_draws + 1, :)
       allocate (draws%mean(count_polynomials(size(x, 2))), source=0.0_wp)
       do first = 1, n, chunk
          last = min(first + chunk - 1, n)

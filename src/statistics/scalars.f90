@@ -6,7 +6,7 @@ module statistics_scalars
    use statistics_blend, only: combine
    use statistics_estimates, only: estimates_type, inverse_density, nonnegative_statistic, &
                                    plain_deviation, plain_mean, plain_percentile, statistic_type, &
-                                   two_sided, uncross, upward_error
+                                   normal_95, sort_percentiles, upward_error
    use statistics_influences, only: case_law_type, prepare_law, tail_ratio
    use statistics_kernel_choice, only: choose_kernel
    use statistics_pool, only: over_all_samples, pool_type, least_plain_share
@@ -127,7 +127,7 @@ contains
                do i = 1, n_numbers
                   ends = blended%error(i)*blended%stretch(:, i)
                   if (share_below(p) > 0.5_wp) ends(2) = upward_error(blended%value(i), ends(2))
-                  ends = transform_back(blended%value(i) + two_sided*[-ends(1), ends(2)], &
+                  ends = transform_back(blended%value(i) + normal_95*[-ends(1), ends(2)], &
                                         is_fraction(i))
                   if (may_be_zero(y(law%first:law%last, i), share_below(p))) ends(1) = 0.0_wp
                   associate (value => transform_back(blended%value(i), is_fraction(i)))
@@ -138,7 +138,7 @@ contains
             end do
          end associate
          do i = 1, n_numbers
-            call uncross(best(i, 2:1 + size(share_below)))
+            call sort_percentiles(best(i, 2:1 + size(share_below)))
          end do
       end subroutine estimate_percentiles
 
@@ -154,7 +154,7 @@ contains
 
       n = size(y)
       n_zero = count(.not. y > 0.0_wp)
-      may_be_zero = n_zero > 1 .and. n_zero >= 1 + p*(n - 1) - two_sided*sqrt(p*(1.0_wp - p)*n)
+      may_be_zero = n_zero > 1 .and. n_zero >= 1 + p*(n - 1) - normal_95*sqrt(p*(1.0_wp - p)*n)
    end function may_be_zero
 
    !> Angle asin(sqrt(y)) of a fraction, root of an amount.

@@ -10,7 +10,7 @@ module statistics_spectra
    use statistics_blend, only: combine, state_error
    use statistics_estimates, only: downward_error, estimates_type, inverse_density, &
                                    nonnegative_statistic, plain_mean, plain_percentile, &
-                                   statistic_type, two_sided, uncross, upward_error
+                                   statistic_type, normal_95, sort_percentiles, upward_error
    use statistics_influences, only: case_law_type, prepare_law, prepare_thin_points, tail_ratio
    use statistics_kernel_choice, only: choose_kernel
    use statistics_law, only: error_of_points
@@ -122,7 +122,7 @@ contains
                if (allocated(error)) return
             end do
             do f = first, last
-               call uncross(spectrum(f, 2:size(sums)))
+               call sort_percentiles(spectrum(f, 2:size(sums)))
             end do
             do s = 2, size(sums)
                sums(s)%value = sums(s)%value + step*sum(spectrum(first:last, s)%value)
@@ -208,8 +208,8 @@ contains
             if (allocated(error)) return
          end associate
          best%value = exp(blended%value)
-         best%low = exp(blended%value - two_sided*blended%error*blended%stretch(1, :))
-         best%high = exp(blended%value + two_sided*blended%error*blended%stretch(2, :))
+         best%low = exp(blended%value - normal_95*blended%error*blended%stretch(1, :))
+         best%high = exp(blended%value + normal_95*blended%error*blended%stretch(2, :))
          best%ratio = blended%ratio
          do o = 1, n
             point_influence = point_influence &
@@ -237,8 +237,8 @@ contains
          sides = stretch_of(bottom)
          sides = (top_error*stretch_of(top) + bottom_error*sides(2:1:-1)) &
                  /max(top_error + bottom_error, tiny(error))
-         best%low = best%value*exp(-two_sided*error*sides(1))
-         best%high = best%value*exp(two_sided*error*sides(2))
+         best%low = best%value*exp(-normal_95*error*sides(1))
+         best%high = best%value*exp(normal_95*error*sides(2))
       end subroutine find_ratio
 
    end subroutine estimate_spectrum

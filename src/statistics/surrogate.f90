@@ -14,7 +14,7 @@ module statistics_surrogate
 
    integer, parameter, public :: most_landmarks = 160
    !> kappa is computed for 4 outputs of a fit, from the pairs of 64 samples with all
-   integer, parameter, public :: outputs_judged = 4, samples_paired = 64
+   integer, parameter, public :: most_pair_outputs = 4, most_pair_samples = 64
    real(wp), parameter :: smallest_eigenvalue = 1.0e-10_wp   !! eigenvalue of K over the largest
    integer, parameter, public :: n_ratios = 13
    real(wp), parameter, public :: noise_ratios(n_ratios) = &
@@ -233,8 +233,8 @@ contains
       integer :: i, j, k, m, n, o
 
       n = size(fit%one_minus_h, 1)
-      fit%pair_samples = evenly_spaced(n, samples_paired)
-      fit%pair_outputs = evenly_spaced(size(fit%one_minus_h, 2), outputs_judged)
+      fit%pair_samples = evenly_spaced(n, most_pair_samples)
+      fit%pair_outputs = evenly_spaced(size(fit%one_minus_h, 2), most_pair_outputs)
       allocate (fit%change_i(n, size(fit%pair_samples), size(fit%pair_outputs)))
       allocate (fit%change_j, mold=fit%change_i)
       allocate (pair_leverage(n, size(fit%pair_samples)))

@@ -6,7 +6,7 @@
 module structure_model
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: two_pi, wp
-   use core_memory, only: gives_memory
+   use core_memory, only: can_allocate
    use core_text, only: to_text
    use numerics_lapack, only: multiply, solve_positive_definite, solve_symmetric_eigenproblem, &
                               unit_matrix
@@ -75,7 +75,7 @@ contains
 
       text = ''
       associate (bytes => memory_of_matrices(n_dof, n_joints))
-         if (.not. gives_memory(bytes)) &
+         if (.not. can_allocate(bytes)) &
             text = 'its matrices take '//to_text(nint(bytes/1.0e6_wp))//' MB, which the system '// &
                    'does not give: reduce the model (python -m entroslip.structure import --modes)'
       end associate

@@ -4,7 +4,7 @@
 !> The regression uses the samples of this case alone; pooled with other cases it gains more.
 module tradeoff_estimators
    use campaign_plan, only: plan_type
-   use campaign_pooling, only: draw_law, fewest_samples, find_points
+   use campaign_pooling, only: draw_law, fewest_samples, find_input_points
    use campaign_results, only: block_result, case_statistics
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -42,7 +42,7 @@ contains
       integer, allocatable :: points(:), joints(:)
 
       if (result%n_samples < fewest_samples) return
-      call find_points(plan%structure, points, joints)
+      call find_input_points(plan%structure, points, joints)
       call new_pool(transpose(friction(joints, :)), [1, result%n_samples + 1], &
                     [result%n_samples], pool)
       call draw_law(plan%seed, model, points, draws, n_independent, most_draws)

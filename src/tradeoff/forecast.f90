@@ -10,7 +10,7 @@
 !> a case), on chains of 20 and 50 masses and on a ring of blades.
 module tradeoff_forecast
    use campaign_plan, only: add_audits, kept_dofs, kept_of, plan_type, reference_for
-   use campaign_pooling, only: case_pool, find_points, find_pools
+   use campaign_pooling, only: case_pool, find_input_points, find_pools
    use campaign_results, only: block_result
    use campaign_runner, only: prepare_runner, runner_type
    use campaign_sample, only: never
@@ -170,7 +170,7 @@ contains
       integer :: p
 
       pools = find_pools(plan)
-      call find_points(plan%structure, points, joints)
+      call find_input_points(plan%structure, points, joints)
       n_dofs = 0.0_wp
       if (plan%output%spectrum) n_dofs = size(kept_dofs(plan))
       n_f = n_frequencies(plan)
@@ -185,7 +185,7 @@ contains
                                         + polynomial_time*size(points)**2)) &
                        + n_dofs*n_f*share_powerful*(density_time*n + n_predicted &
                                      *(mean_time + percentile_time*size(plan%output%percentiles) &
-                                       + product_time*n_landmarks))
+                                                      + product_time*n_landmarks))
       end do
       regression_seconds = 1.0e-9_wp*nanoseconds
    end function regression_seconds

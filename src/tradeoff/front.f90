@@ -14,13 +14,13 @@ module tradeoff_front
    private
    public :: error_components, setting_row, size_row, spectrum_row
    public :: components_of, has_drawn_friction, meets_targets, nearest_to_targets, sample_steps, &
-             setting_rows_of, size_rows_of, slip_error_to_come, spectrum_rows_of
+             setting_rows_of, size_rows_of, predicted_slip_error, spectrum_rows_of
 
    !> Measured setting.
    type :: setting_row
       type(setting_type) :: setting
       real(wp) :: error(n_published) = 0.0_wp    !! largest error over the levels, as in task_result
-      real(wp) :: surely(n_published) = 0.0_wp   !! error plus twice its standard error
+      real(wp) :: error_bound(n_published) = 0.0_wp   !! error plus twice its standard error
       real(wp) :: cost = 0.0_wp               !! processor time of a sample-step of the scene [ns]
       real(wp) :: work = 0.0_wp               !! expected_cost of a sample-step of the scene [ns]
       logical :: is_on_front = .false.        !! no cheaper setting has a smaller error of slip
@@ -79,7 +79,7 @@ contains
          associate (row => rows(tradeoff%tasks(i)%row), result => tradeoff%results(i))
             row%cost = row%cost + share(tradeoff%tasks(i)%level)*result%cost
             row%error = max(row%error, result%errors(:, 1))
-            row%surely = max(row%surely, result%errors(:, 2))
+            row%error_bound = max(row%error_bound, result%errors(:, 2))
          end associate
       end do
       do i = 1, n
@@ -100,8 +100,8 @@ contains
       type(setting_row), intent(in) :: row
       real(wp), intent(in) :: slip_points, ratio   !! 0: not wanted
 
-      meets_targets = (.not. slip_points > 0.0_wp .or. row%surely(slip) <= slip_points) .and. &
-                      (.not. ratio > 0.0_wp .or. row%surely(band_ratio) <= ratio)
+      meets_targets = (.not. slip_points > 0.0_wp .or. row%error_bound(slip) <= slip_points) .and. &
+                      (.not. ratio > 0.0_wp .or. row%error_bound(band_ratio) <= ratio)
    end function meets_targets
 
    !> Number of the row with the smallest ratio of error to target.
@@ -112,8 +112,8 @@ contains
       real(wp) :: excess(size(rows))
 
       excess = 0.0_wp
-      if (slip_points > 0.0_wp) excess = rows%surely(slip)/slip_points
-      if (ratio > 0.0_wp) excess = max(excess, rows%surely(band_ratio)/ratio)
+      if (slip_points > 0.0_wp) excess = rows%error_bound(slip)/slip_points
+      if (ratio > 0.0_wp) excess = max(excess, rows%error_bound(band_ratio)/ratio)
       best_row = minloc(excess, 1)
    end function nearest_to_targets
 
@@ -167,7 +167,7 @@ contains
 
    !> Expected standard errors of the mean slip fractions of the scene's results: the joints of all
    !> measured cases in one list.
-   pure function slip_error_to_come(plan, tradeoff) result(error)
+   pure function predicted_slip_error(plan, tradeoff) result(error)
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
       type(slip_error) :: error
@@ -202,7 +202,7 @@ contains
          end if
          error%ratio = max(1.0_wp, error%ratio/max(error%samples, tiny(1.0_wp)))
       end associate
-   end function slip_error_to_come
+   end function predicted_slip_error
 
    !> Computes errors%time and errors%noise from the batches, for a march of n_steps. Errors fall as
    !> n_steps^(-1/2); if every sample has its own force, those of means over samples also fall as

@@ -8,7 +8,7 @@ module tradeoff_task_results
    use campaign_results, only: block_result, case_statistics
    use core_kinds, only: wp
    use numerics_statistics, only: standard_deviation
-   use statistics_estimates, only: statistic_type, two_sided
+   use statistics_estimates, only: statistic_type, normal_95
    use tradeoff_sample, only: level_type
    implicit none(type, external)
    private
@@ -160,7 +160,7 @@ contains
             associate (psd => statistics%psd(dof, :, :), &
                        ratio => statistics%pseudo_variances(dof, last))
                if (minval(statistics%pseudo_variances(dof, 2:last - 1)%value) > 0.0_wp) &
-                  found(dof, band_ratio) = log(ratio%high/ratio%value)/two_sided
+                  found(dof, band_ratio) = log(ratio%high/ratio%value)/normal_95
                if (.not. statistics%pseudo_variances(dof, 1)%value > 0.0_wp) cycle
                found(dof, psd_mean) = sum(psd(:, 1)%error)/sum(psd(:, 1)%value)
                found(dof, psd_percentiles) = maxval([(relative_error(psd(:, p)), p=2, last - 1)])
@@ -176,7 +176,7 @@ contains
 
       relative_error = 0.0_wp
       if (sum(integrand%value) > 0.0_wp) &
-         relative_error = sum(integrand%high - integrand%low)/(2*two_sided*sum(integrand%value))
+         relative_error = sum(integrand%high - integrand%low)/(2*normal_95*sum(integrand%value))
    end function relative_error
 
 end module tradeoff_task_results

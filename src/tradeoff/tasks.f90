@@ -24,7 +24,7 @@ module tradeoff_tasks
    use tradeoff_variants, only: variant_type
    implicit none(type, external)
    private
-   public :: tradeoff_type, task_type, scope_type, case_of, choose_march, new_tradeoff
+   public :: tradeoff_type, task_type, trial_scope, case_of, choose_march, new_tradeoff
    public :: setting_task, spectrum_task, batch_task, samples_task, variant_task
 
    !> Kinds of tasks: a setting, a pair of spectrum_every and segment_length, a batch of a long
@@ -45,7 +45,7 @@ module tradeoff_tasks
    end type task_type
 
    !> Parts of a tradeoff that are wanted. Statistical parts and variants need models.
-   type :: scope_type
+   type :: trial_scope
       real(wp) :: budget = 0.0_wp         !! expected processor time of the marches [s]
       logical :: at_other_dt = .false.    !! true: compares other steps than the scene's too
       logical :: has_settings = .true.    !! true: compares settings
@@ -53,14 +53,14 @@ module tradeoff_tasks
       type(process_model_type), allocatable :: models(:)     !! (process), solved
       type(variant_type), allocatable :: variants(:)
       type(process_model_type), allocatable :: variant_models(:)   !! some have no solution
-   end type scope_type
+   end type trial_scope
 
    !> Data that all tasks share, and their results. The same on every rank.
    type :: tradeoff_type
       type(plan_type) :: plan               !! short marches, of setting and samples tasks
       type(plan_type) :: long_plan          !! long marches, of batch and spectrum tasks
       type(plan_type) :: wide               !! marches of many samples, of variant tasks
-      type(scope_type) :: scope
+      type(trial_scope) :: scope
       type(setting_type), allocatable :: settings(:)
       integer :: own = 0                    !! number of the scene's setting in settings; 0: none
       type(setting_type) :: common_setting  !! setting of all tasks but setting tasks, counted
@@ -74,7 +74,7 @@ module tradeoff_tasks
       integer, allocatable :: n_cases(:)           !! (case) cases that may share its samples
       type(task_type), allocatable :: tasks(:)     !! the most expensive first
       integer :: n_segments = 0             !! Welch segments of the scene's spectra; 0: no spectra
-      integer :: n_wide = 0                 !! samples of a variant's march
+      integer :: n_variant_samples = 0                 !! samples of a variant's march
       type(task_result), allocatable :: results(:)       !! (task)
       type(block_result), allocatable :: references(:)   !! (level)
       type(runner_type) :: runner           !! runner of the campaign, which gives the force
@@ -87,7 +87,7 @@ contains
    subroutine new_tradeoff(plan, file_force, scope, should_stop, tradeoff, error)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
-      type(scope_type), intent(in) :: scope
+      type(trial_scope), intent(in) :: scope
       procedure(stop_query) :: should_stop
       type(tradeoff_type), intent(out) :: tradeoff
       type(error_type), allocatable, intent(out) :: error
@@ -108,7 +108,7 @@ contains
       end if
       if (.not. scope%has_settings) tradeoff%settings = tradeoff%settings(:0)
       tradeoff%own = findloc(same_setting(tradeoff%settings, own_setting(plan)), .true., 1)
-      tradeoff%n_wide = samples_of_variants(plan, file_force)
+      tradeoff%n_variant_samples = samples_of_variants(plan, file_force)
       tradeoff%common_setting = setting_type('event', tolerance=1.0e-6_wp)
       call count_work(plan, tradeoff%common_setting, error)
       do i = 1, size(tradeoff%settings)
@@ -128,7 +128,7 @@ contains
          end if
          tradeoff%plan = shortened(plan, unit, affordable(scope%budget, cost))
          tradeoff%long_plan = shortened(plan, unit*n_batches, affordable(scope%budget, long_cost))
-         cost = tradeoff%n_wide*step_cost*n_levels*max(1, size(tradeoff%scope%variants))
+         cost = tradeoff%n_variant_samples*step_cost*n_levels*max(1, size(tradeoff%scope%variants))
          tradeoff%wide = shortened(plan, unit, affordable(0.3_wp*scope%budget, cost))
       end associate
       call prepare_runner(with_shorter_record(plan, tradeoff), file_force, tradeoff%runner, error)
@@ -289,7 +289,7 @@ contains
          n_samples = case_width(tradeoff, tradeoff%cases(task%row))
       case default
          plan = tradeoff%wide
-         n_samples = tradeoff%n_wide
+         n_samples = tradeoff%n_variant_samples
       end select
    end subroutine choose_march
 
@@ -299,7 +299,7 @@ contains
       type(task_type), intent(in) :: task
 
       can_be_marched = tradeoff%scope%variant_models(task%row)%is_solved .and. &
-                       tradeoff%n_wide > 1 .and. case_of(tradeoff, task) > 0
+                       tradeoff%n_variant_samples > 1 .and. case_of(tradeoff, task) > 0
    end function can_be_marched
 
    !> Number of the case that has the process of the task's variant and its level; 0: none.

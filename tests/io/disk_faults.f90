@@ -8,7 +8,7 @@ program disk_faults
    use core_terminal, only: end_program
    use io_campaign, only: ask_all, keep_block, made_block, made_identity, made_model, write_made_results, &
       write_made_shards
-   use io_process_results, only: keep_process, read_kept
+   use io_process_results, only: store_process, read_stored_processes
    use io_shards, only: list_shards, read_shard, shard_type
    use io_store, only: new_store, shard_store
    use process_model, only: process_model_type
@@ -55,7 +55,7 @@ contains
       integer :: number
 
       do number = 1, 60
-         call keep_process(store, number, made_model(), error)
+         call store_process(store, number, made_model(), error)
          if (allocated(error)) return
       end do
    end subroutine fill_processes
@@ -77,7 +77,7 @@ contains
          call read_shard(store, shards(i), block, error)
          if (allocated(error)) return
       end do
-      call read_kept(store, models, is_kept, error)
+      call read_stored_processes(store, models, is_kept, error)
       if (.not. allocated(error)) print '(i0)', size(shards) + count(is_kept)
    end subroutine verify
 

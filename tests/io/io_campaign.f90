@@ -7,7 +7,7 @@ module io_campaign
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_text, only: to_text
-   use io_blocks, only: put_block
+   use io_blocks, only: write_block
    use io_case_statistics, only: write_audit, write_estimates
    use io_files, only: make_folder, process_id
    use io_group, only: group_type
@@ -16,8 +16,8 @@ module io_campaign
    use io_process_results, only: write_process
    use io_hdf5, only: hdf5_file, hdf5_object
    use io_results, only: begin_case, finish_case, finish_results, write_structure
-   use io_shards, only: list_shards, order_shards, shard_type, stored_samples, write_shard
-   use io_store, only: begin_file, discard_file, shard_store
+   use io_shards, only: list_shards, sort_shards, shard_type, stored_samples, write_shard
+   use io_store, only: create_unfinished, discard_file, shard_store
    use process_model, only: process_model_type
    use statistics_estimates, only: statistic_type
    use structure_chain, only: build_chain
@@ -255,7 +255,7 @@ contains
       call list_shards(store, shards, error)
       if (.not. allocated(error)) call take_lock(path, lock, error)
       if (allocated(error)) return
-      call begin_file(path, made_identity(), file, error)
+      call create_unfinished(path, made_identity(), file, error)
       if (.not. allocated(error)) then
          object = hdf5_object(file, '/')
          call object%attribute('title', 'made')
@@ -285,7 +285,7 @@ contains
 
       force = 1.0_wp
       plan = made_plan()
-      call order_shards(store, shards, stored)
+      call sort_shards(store, shards, stored)
       call write_process(file, 1, made_model(), error, realizations=force)
       if (.not. allocated(error)) call write_structure(file, plan, error)
       do i = 1, 2
@@ -293,7 +293,7 @@ contains
          call begin_case(file, plan, i, made_layout(), [(0.001_wp, dof=1, n_dof)], group, force)
          call stored%read(i, 1, plan%cases(i)%n_samples, samples, error)
          if (allocated(error)) exit
-         call put_block(group, plan, samples)
+         call write_block(group, plan, samples)
          call finish_case(group, plan, i, stored, error)
          if (allocated(error)) exit
          estimates%best = made_statistics()
@@ -321,7 +321,7 @@ contains
       call keep_block(store, block, error)
       if (.not. allocated(error)) call list_shards(store, shards, error)
       if (allocated(error)) return
-      call order_shards(store, shards, stored)
+      call sort_shards(store, shards, stored)
       call stored%read(4, 1, 3, block, error)
       if (allocated(error)) return
       call compare_slip(samples%slip_fraction(:, :3), block%slip_fraction, 5, errors)

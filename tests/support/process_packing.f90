@@ -2,7 +2,7 @@
 module process_packing
    use core_kinds, only: long, wp
    use core_random, only: label_of
-   use process_components, only: component, component_visitor, forget_components, visit_components
+   use process_components, only: component, component_visitor, reset_components, visit_components
    use process_model, only: process_model_type
    implicit none(type, external)
    private
@@ -39,7 +39,7 @@ contains
       type(process_model_type), intent(inout) :: model
       type(tape) :: t
 
-      call forget_components(model)
+      call reset_components(model)
       t%is_writing = .false.
       t%numbers = numbers
       call visit_components(t, model)

@@ -14,7 +14,7 @@ module process_autoregressive_fit
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use numerics_constrained_maximum, only: rest_of_gradient
+   use numerics_constrained_maximum, only: projected_gradient
    use numerics_elementary, only: log_one_plus
    use numerics_roots, only: root_search
    use process_autoregressive_description, only: describe_ar
@@ -282,7 +282,7 @@ contains
       slopes = positive_gradient(kappa)
       first = merge(2, 1, correlation == 'L1')
       last = merge(1, 2, correlation == 'L0')
-      residual = maxval(abs(rest_of_gradient(kappa, slopes(first:last, :))))/maxval(abs(kappa))
+      residual = maxval(abs(projected_gradient(kappa, slopes(first:last, :))))/maxval(abs(kappa))
    end function optimality_residual
 
 end module process_autoregressive_fit

@@ -9,7 +9,7 @@
 module process_autoregressive_search
    use core_error, only: error_type
    use core_kinds, only: wp
-   use numerics_constrained_maximum, only: rest_of_gradient, step_to_maximum
+   use numerics_constrained_maximum, only: projected_gradient, step_to_maximum
    use numerics_elementary, only: log_cosh
    use numerics_lapack, only: unit_matrix
    use numerics_nlopt, only: minimization_problem, minimize
@@ -78,7 +78,7 @@ contains
          if (.not. maxval(abs(length_error)) < 1.0_wp) exit
          ! gradient of the entropy, without its part along those of the smoothed lengths
          call problem%equalities(x, unused, gradients)
-         residual = maxval(abs(rest_of_gradient(tanh(x), transpose(gradients)))) &
+         residual = maxval(abs(projected_gradient(tanh(x), transpose(gradients)))) &
                     /maxval(abs(tanh(x)))
          if (maxval(abs(length_error)) <= length_tolerance .and. residual < best%residual) then
             best%residual = residual

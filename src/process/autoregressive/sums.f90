@@ -45,7 +45,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       integer, optional, intent(in) :: most_lags   !! default `max_lags`: some seconds
       complex(wp), allocatable :: poles(:)
-      real(wp) :: mirrored(size(kappa)), n_certain, n_negligible
+      real(wp) :: canonical_image(size(kappa)), n_certain, n_negligible
       integer :: limit, order
 
       limit = max_lags
@@ -53,22 +53,22 @@ contains
       order = findloc(abs(kappa) > 0.0_wp, .true., dim=1, back=.true.)   ! 0: white noise
       sums%is_nonnegative = .true.
       if (order == 0) return
-      mirrored = kappa
-      call find_polynomial_roots(coefficients_of(mirrored(:order)), poles, error)
+      canonical_image = kappa
+      call find_polynomial_roots(coefficients_of(canonical_image(:order)), poles, error)
       if (allocated(error)) return
       if (poles(1)%re < 0.0_wp .and. .not. abs(poles(1)%im) > 0.0_wp) then
-         mirrored(1::2) = -kappa(1::2)   ! (-1)^m K(m) has the same sums
+         canonical_image(1::2) = -kappa(1::2)   ! (-1)^m K(m) has the same sums
          poles = -poles
       end if
-      n_certain = first_lag_of_one_sign(mirrored(:order), poles)
-      n_negligible = first_negligible_lag(mirrored(:order), poles)
+      n_certain = first_lag_of_one_sign(canonical_image(:order), poles)
+      n_negligible = first_negligible_lag(canonical_image(:order), poles)
       if (.not. min(n_certain, n_negligible) < limit) then
          call raise(error, exit_no_solution, 'correlation length of an autoregressive process '// &
                     'of order '//to_text(order)//' with largest pole '//to_text(abs(poles(1)))// &
                     ': more than '//to_text(limit)//' lags count')
          return
       end if
-      call sum_lags(mirrored(:order), ceiling(min(n_certain, n_negligible)), &
+      call sum_lags(canonical_image(:order), ceiling(min(n_certain, n_negligible)), &
                     n_certain <= n_negligible, sums)
    end subroutine sum_correlation
 

@@ -22,7 +22,7 @@ module process_direct_fit
    implicit none(type, external)
    private
    public :: fit_direct, fit_unconstrained, count_parts, conclude_direct, check_by_inversion
-   public :: integer_signs, list_solutions, mirror_image, mirrored
+   public :: integer_signs, list_solutions, mirror_image, canonical_image
 
    character(*), parameter :: every_sequence = 'all sequences'
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp
@@ -117,7 +117,7 @@ contains
          return
       end if
       do i = 1, size(solutions)
-         solutions(i) = mirrored(search%solutions(i))
+         solutions(i) = canonical_image(search%solutions(i))
       end do
       call fill_model(request, solutions(1), model)
       model%request = request
@@ -237,7 +237,7 @@ contains
    end function residual
 
    !> Solution or its mirror image, whichever has K(m) > 0 at the first odd lag where it is not 0.
-   pure function mirrored(solution) result(image)
+   pure function canonical_image(solution) result(image)
       type(sequence_solution), intent(in) :: solution
       type(sequence_solution) :: image
       real(wp), parameter :: zero = 1.0e-9_wp
@@ -247,7 +247,7 @@ contains
       first = 2*findloc(abs(solution%correlation(1::2)) > zero, .true., dim=1) - 1
       if (first < 1) return
       if (solution%correlation(first) < 0.0_wp) image = mirror_image(solution)
-   end function mirrored
+   end function canonical_image
 
    !> Solution with (-1)^m K(m).
    pure function mirror_image(solution) result(image)

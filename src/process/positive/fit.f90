@@ -8,7 +8,7 @@ module process_positive_fit
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: to_text
-   use numerics_constrained_maximum, only: solve_along
+   use numerics_constrained_maximum, only: restore_constraints
    use process_direct_fit, only: fit_unconstrained, integer_signs
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_model_type, process_request
@@ -23,7 +23,7 @@ module process_positive_fit
    use process_positive_signs, only: difference_step, search_finer
    implicit none(type, external)
    private
-   public :: fit_positive, foresee_positive
+   public :: fit_positive, predict_positive
 
    integer, parameter :: final_steps = 4096    !! steps of a batch for the solution
    integer, parameter :: most_refinement = 16  !! largest factor by which errors raise that number
@@ -150,7 +150,7 @@ contains
    !> process of order 1 with K(m) >= 0 is one of every order. If only a long search can tell, the
    !> branch is 'open'. For the exact law the model has rough parameters for realizations, if they
    !> are found soon.
-   subroutine foresee_positive(request, seed, model, error)
+   subroutine predict_positive(request, seed, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
@@ -209,7 +209,7 @@ contains
       one%method = 'autoregressive'   ! a rough answer
       one%branch = request%branch
       call compare_other_law(one, seed, model)
-   end subroutine foresee_positive
+   end subroutine predict_positive
 
    !> Fits the process without sign constraint, if mean/std is so large that no value is negative to
    !> all digits: it then has the largest entropy. `is_far` is false, and nothing is solved, if
@@ -314,7 +314,7 @@ contains
       search%max_effort = huge(1.0_wp)   ! bounds searches only
       search%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
       call search%set_single_lags()
-      call solve_along(search, target_tolerance, max_iterations)
+      call restore_constraints(search, target_tolerance, max_iterations)
       associate (moments => search%last%moments, problem => search%problem)
          excess = max(moments%ratio_error/(ratio_goal*problem%ratio), &
                       merge(moments%l1_error, moments%l0_error, &
@@ -323,7 +323,7 @@ contains
       end associate
       if (excess > 1.0_wp .and. fit_steps == 0 .and. search%found%violation <= largest_miss) then
          search%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))
-         call solve_along(search, target_tolerance, max_iterations)
+         call restore_constraints(search, target_tolerance, max_iterations)
       end if
       if (search%found%violation <= largest_miss) return
       search%max_effort = bound

@@ -12,7 +12,7 @@ module process_positive_sign_search
    use process_correlation, only: constraint_weights
    use process_direct_constraint, only: constraint_of, length_constraint
    use process_direct_fit, only: fit_unconstrained, integer_signs, list_solutions, mirror_image, &
-                                 mirrored
+                                 canonical_image
    use process_direct_sign_search, only: count_sequences, max_listed, search_structured, &
                                          sequence_signs
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
@@ -128,7 +128,7 @@ contains
       order = pack(order, [(found(order(i))%is_feasible, i=1, n)])
       allocate (sequences(2*size(order)))
       do i = 1, size(order)
-         sequences(2*i - 1) = mirrored(found(order(i)))
+         sequences(2*i - 1) = canonical_image(found(order(i)))
          sequences(2*i) = mirror_image(sequences(2*i - 1))
       end do
       if (request%branch == 'nonnegative') &
