@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from .bits import differences
@@ -338,8 +338,9 @@ def _draw_spectra(pair: Pair, axes: Axes) -> None:
         xlabel="frequency [Hz]", ylabel="spectral density, after / before", yscale="log",
         title=pair.label,
     )  # fmt: skip
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
     axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter(NullFormatter())
     axes.legend()
 
 
