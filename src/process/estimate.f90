@@ -83,7 +83,7 @@ module process_estimate
 
 contains
 
-   !> Estimates the process of the records, a positive one if all values are positive. Fails if
+   !> Estimates the process of the records, a positive one if no value is negative. Fails if
    !> there are too few values, if all are equal, or if no process has the estimates.
    subroutine estimate_process(records, seed, estimate, error)
       type(measured_record), intent(in) :: records(:)
@@ -109,7 +109,7 @@ contains
       estimate%longest = maxval(candidates%l0, mask=candidates%order == fits(1)%order)
       estimate%request = process_request(correlation_length=estimate%l0, order=fits(1)%order, &
                                          mean=estimate%mean, std=estimate%std, &
-                                         positive=all(values > 0.0_wp), &
+                                         positive=all(values >= 0.0_wp), &
                                          branch='nonnegative')   ! as the candidates
       call fit_process(estimate%request, seed, estimate%model)
       if (.not. estimate%model%is_solved) then
