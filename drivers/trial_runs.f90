@@ -10,6 +10,7 @@
 !> fingerprint of shards and results.
 module driver_trial_runs
    use campaign_plan, only: plan_type
+   use campaign_runner, only: block_width
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_no_solution, exit_stopped, raise
    use core_kinds, only: wp
@@ -28,8 +29,7 @@ module driver_trial_runs
    use tradeoff_tasks, only: new_tradeoff, trial_scope, tradeoff_type
    implicit none(type, external)
    private
-   public :: measure_settings
-   public :: choose_setting, choose_spectrum_step
+   public :: choose_setting, choose_spectrum_step, measure_settings
 
    character, parameter :: line_feed = new_line('a')
    real(wp), parameter :: budget = 3.0_wp   !! expected processor time of the trial marches [s]
@@ -122,23 +122,30 @@ contains
    end subroutine share_tasks
 
    !> Replaces the scene's setting if the scene has a target of numerical error. Ends the run if no
-   !> setting keeps it, or if it is asked to stop. Collective.
+   !> setting keeps it, or if it is asked to stop. The choice does not depend on campaign%n_samples,
+   !> so that a campaign can be extended. Collective.
    subroutine choose_setting(world, scene, plan, choice)
       type(world_type), intent(in) :: world
       type(scene_type), intent(inout) :: scene
       type(plan_type), intent(inout) :: plan
       character(:), allocatable, intent(out) :: choice   !! text on the choice; '' without target
+      type(plan_type) :: trial   ! plan with at least a block of samples
       type(tradeoff_type) :: measured
       type(setting_row), allocatable :: rows(:)
       type(error_type), allocatable :: error
       logical :: is_stopped
-      integer :: chosen
+      integer :: chosen, width
 
       choice = ''
       associate (points => plan%accuracy%target_slip_points, &
                  ratio => plan%accuracy%target_band_ratio)
          if (.not. (plan%has_structure .and. max(points, ratio) > 0.0_wp)) return
-         call measure_settings(world, plan, scene%force, trial_scope(budget=budget), .true., &
+         width = block_width(plan)
+         if (plan%excitation%kind == 'file' .and. plan%excitation%per_sample) &
+            width = min(width, size(scene%force, 2)/plan%structure%n_forces)
+         trial = plan
+         where (trial%cases%process > 0) trial%cases%n_samples = max(trial%cases%n_samples, width)
+         call measure_settings(world, trial, scene%force, trial_scope(budget=budget), .true., &
                                measured, is_stopped, error)
          call world%stop_on(error)
          if (is_stopped) call stop_world(exit_stopped)
