@@ -127,6 +127,8 @@ contains
             long_cost = n_batches*width*step_cost
          end if
          tradeoff%plan = shortened(plan, unit, affordable(scope%budget, cost))
+         ! settings are timed as the campaign marches
+         tradeoff%plan%output%energy = plan%output%energy .and. scope%at_other_dt
          tradeoff%long_plan = shortened(plan, unit*n_batches, affordable(scope%budget, long_cost))
          cost = tradeoff%n_variant_samples*step_cost*n_levels*max(1, size(tradeoff%scope%variants))
          tradeoff%wide = shortened(plan, unit, affordable(0.3_wp*scope%budget, cost))
