@@ -44,7 +44,10 @@ contains
       call world%stop_on(error)
       call choose_setting(world, scene, plan, choice)
       call open_new_output(world, line, scene, ending_of(line), output)
-      call keep_everything(plan)
+      plan%output%history = .true.
+      plan%output%transitions = .true.
+      plan%output%energy = .true.
+      plan%n_realizations = 0
       call prepare_march(world, plan, scene%force, runner, error)
       call output%stop_on(error)
       call solve_processes(world, plan, output%is_quiet, models, &
@@ -52,7 +55,9 @@ contains
       call refuse_unsolved(plan, models, error)
       call output%stop_on(error)
       call end_if_requested(output)
-      call keep_sample(line, runner%plan)
+      runner%plan%cases%n_samples = 0   ! but the wanted one
+      runner%plan%cases(line%case_number)%n_samples = 1
+      runner%plan%cases(line%case_number)%first_sample = line%sample
       call output%update_finished(runner%plan, error)
       call output%stop_on(error)
       call march_campaign(models, runner, output, error)
@@ -92,25 +97,5 @@ contains
       write (buffer, '(a, i0.3, a, i0.4, a)') '_c', line%case_number, '_s', line%sample, '.h5'
       ending = trim(buffer)
    end function ending_of
-
-   !> Makes the plan keep histories, transitions and the energy ledger.
-   subroutine keep_everything(plan)
-      type(plan_type), intent(inout) :: plan
-
-      plan%output%history = .true.
-      plan%output%transitions = .true.
-      plan%output%energy = .true.
-      plan%n_realizations = 0
-   end subroutine keep_everything
-
-   !> Restricts the plan to one sample of one case.
-   pure subroutine keep_sample(line, plan)
-      type(command_line), intent(in) :: line
-      type(plan_type), intent(inout) :: plan
-
-      plan%cases%n_samples = 0
-      plan%cases(line%case_number)%n_samples = 1
-      plan%cases(line%case_number)%first_sample = line%sample
-   end subroutine keep_sample
 
 end module driver_replay

@@ -193,7 +193,7 @@ contains
       claims = open_claims(runner%plan, output%is_finished, output%world%n_ranks, output%is_shared)
       call new_counter(output%world, size(claims), counter)
       if (.not. output%is_quiet) call progress%start(sum(runner%plan%cases%n_samples), &
-                                                     count(output%is_finished))
+                                                     count(output%is_finished), 'samples')
       do
          item = counter%next(stops=time_to_stop() .or. allocated(error))
          if (item == 0) exit

@@ -131,7 +131,7 @@ contains
          else
             line = labelled('cheapest', wanted//': '// &
                             setting_text(rows(best)%setting, plan%integration%dt)//' ('// &
-                            run_time(plan, rows(best), n_ranks)//')')
+                            run_time(plan, rows(best), n_ranks, 1.0_wp)//')')
          end if
       end function answer
 
@@ -151,7 +151,7 @@ contains
              line_feed//component_text(plan, 'discretisation', errors%discretisation)// &
              component_text(plan, 'time average', errors%time)
       if (has_drawn_friction(plan)) text = text//component_text(plan, 'Monte Carlo', errors%samples)
-      now = run_time(plan, rows(own), n_ranks)
+      now = run_time(plan, rows(own), n_ranks, 1.0_wp)
       parts = [errors%discretisation(slip), errors%time(slip), errors%samples(slip)]
       if (.not. maxval(parts) > 0.0_wp) then
          text = text//labelled('largest', 'none of slip: nothing slips, or all the time')
@@ -197,7 +197,7 @@ contains
          best = minloc(rows%cost, 1, mask=meets_targets(rows, 0.5_wp*parts(1), 0.0_wp))
          words = 'no setting that was measured'
          if (best > 0) words = setting_text(rows(best)%setting, plan%integration%dt)//', '// &
-                               run_time(plan, rows(best), n_ranks)//' instead of '//now
+                               run_time(plan, rows(best), n_ranks, 1.0_wp)//' instead of '//now
       end function halved
 
       pure function as_long(times) result(words)
@@ -239,12 +239,11 @@ contains
       type(plan_type), intent(in) :: plan
       type(setting_row), intent(in) :: row
       integer, intent(in) :: n_ranks
-      real(wp), intent(in), optional :: times
+      real(wp), intent(in) :: times
       character(:), allocatable :: text
       real(wp) :: seconds
 
-      seconds = 1.0e-9_wp*row%cost*sample_steps(plan)/n_ranks
-      if (present(times)) seconds = times*seconds
+      seconds = times*(1.0e-9_wp*row%cost*sample_steps(plan)/n_ranks)
       text = duration(seconds)
       if (seconds < 1.0_wp) text = brief(seconds)//' s'
    end function run_time

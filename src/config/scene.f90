@@ -98,11 +98,13 @@ contains
    subroutine read_groups(reader, scene)
       type(reader_type), intent(inout) :: reader
       type(scene_type), intent(inout) :: scene
-      integer :: i, number, n_processes
+      integer :: i, n_masses, number, n_processes
 
       n_processes = count(reader%groups%name == 'process')
       allocate (scene%processes(n_processes))
-      call count_masses(reader, scene)
+      n_masses = reader%longest_list('chain')   ! unless it is given
+      if (n_masses > 1 .and. .not. reader%was_given('chain', 'n_dof')) &
+         scene%chain%n_dof = min(n_masses, most_dofs)
       do i = 1, size(group_names)
          do number = 1, merge(n_processes, 1, group_names(i) == 'process')
             call reader%begin_group(trim(group_names(i)), number)
@@ -124,17 +126,6 @@ contains
       end function is_there
 
    end subroutine read_groups
-
-   !> Sets chain%n_dof, if it is not given, to the length of the longest list in &chain.
-   pure subroutine count_masses(reader, scene)
-      type(reader_type), intent(in) :: reader
-      type(scene_type), intent(inout) :: scene
-      integer :: n
-
-      if (reader%was_given('chain', 'n_dof')) return
-      n = reader%longest_list('chain')
-      if (n > 1) scene%chain%n_dof = min(n, most_dofs)
-   end subroutine count_masses
 
    !> Lists the values that are given and have no effect.
    subroutine note_unused(reader, scene)

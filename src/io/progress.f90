@@ -32,13 +32,12 @@ contains
    subroutine start(self, total, done_before, noun)
       class(progress_type), intent(inout) :: self
       integer, intent(in) :: total, done_before
-      character(*), intent(in), optional :: noun  !! absent: 'samples'
+      character(*), intent(in) :: noun   !! what is counted, such as 'samples'
 
       self%is_silent = .false.
       self%is_redrawn = shows_on_terminal()
       self%total = total
-      self%noun = 'samples'
-      if (present(noun)) self%noun = noun
+      self%noun = noun
       self%done_before = done_before
       self%interval = merge(0.2_wp, 60.0_wp, self%is_redrawn)
       self%next_line = self%interval

@@ -271,7 +271,7 @@ contains
    subroutine write_history_axes(group, plan, force)
       type(group_type), intent(inout) :: group
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in), contiguous, optional :: force(:, :)   !! as in begin_case
+      real(wp), intent(in), contiguous :: force(:, :)   !! as in begin_case
       character(:), allocatable :: axes, unit
       integer :: i, n_forces, n_records
 
@@ -279,7 +279,6 @@ contains
       n_forces = plan%structure%n_forces
       call group%put('time', [(i*plan%integration%dt, i=0, plan%integration%n_steps)], 's', &
                      'time', 'time')
-      if (.not. present(force)) return
       n_records = size(force, 2)/n_forces
       axes = 'time'
       if (n_forces > 1) then

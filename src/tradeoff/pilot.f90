@@ -72,7 +72,7 @@ contains
       type(level_type) :: level
       type(block_result) :: result
       real(wp) :: nanoseconds
-      integer :: i
+      integer :: i, kept
 
       level%sample = spread(1, 1, size(cases))
       associate (plan => runner%plan, n => runner%plan%structure%n_forces)
@@ -86,8 +86,11 @@ contains
          call march_level(plan, level, own_setting(plan), never, result, nanoseconds, error, runner)
       end associate
       if (allocated(error)) return
+      share = 0.0_wp
       do i = 1, size(every)
-         share(:, :, i) = share_above(result%psd, every(i))
+         kept = 1 + (size(result%psd, 2) - 1)/every(i)   ! to the Nyquist frequency of these steps
+         where (sum(result%psd, 2) > 0.0_wp) &
+            share(:, :, i) = sum(result%psd(:, kept + 1:, :), 2)/sum(result%psd, 2)
       end do
    end subroutine march_cases
 
@@ -130,18 +133,6 @@ contains
          end if
       end associate
    end function mean_friction
-
-   !> Share of the power above the Nyquist frequency of every k-th step.
-   pure function share_above(psd, every) result(share)
-      real(wp), intent(in) :: psd(:, :, :)                 !! (dof, frequency, march)
-      integer, intent(in) :: every
-      real(wp) :: share(size(psd, 1), size(psd, 3))        !! (dof, march)
-      integer :: kept
-
-      kept = 1 + (size(psd, 2) - 1)/every
-      share = 0.0_wp
-      where (sum(psd, 2) > 0.0_wp) share = sum(psd(:, kept + 1:, :), 2)/sum(psd, 2)
-   end function share_above
 
    !> Values of k that are tried, ascending: the given one, or powers of two that divide the segment
    !> and leave it at least 64 values.
