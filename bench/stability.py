@@ -1,4 +1,4 @@
-"""Where each method holds, degrades or refuses: python bench/stability.py results/stability
+"""Limits of the methods, where they degrade or refuse: python bench/stability.py results/stability
 
 Runs small scenes from one extreme to the other and writes one CSV a panel of the figure, which
 `python -m entroslip.stability results/stability --out FILE` draws; `--only PANEL` measures one of

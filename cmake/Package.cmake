@@ -1,4 +1,4 @@
-# What `cmake --install` puts in place beside the program and the floors.
+# Files that `cmake --install` puts beside the program and the floors.
 
 # find_package(entroslip): targets entroslip::core .. entroslip::parallel
 include(CMakePackageConfigHelpers)

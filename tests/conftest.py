@@ -1,4 +1,4 @@
-"""What the end-to-end tests share: the program, a way to run it, small scenes."""
+"""Fixtures of the end-to-end tests: the program, a way to run it, small scenes."""
 
 from __future__ import annotations
 

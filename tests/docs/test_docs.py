@@ -21,7 +21,7 @@ page_by_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name
 
 
 def anchors(page: Path) -> set[str]:
-    """What a link into a page can point at: its headings, as Markdown names them."""
+    """Targets of links into a page: its headings, as Markdown names them."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 

@@ -92,7 +92,7 @@ def test_the_api_pages_build_offline(tmp_path):
 
 
 def test_no_vector_form_of_a_mathematical_function_is_linked(program):
-    """Which elements of an array those serve depends on where it lies, and so would last bits."""
+    """Their last bits depend on the place of an array in memory."""
     if shutil.which("nm") is None:
         pytest.skip("no nm")
     symbols = subprocess.run(["nm", "-D", program], capture_output=True, text=True, check=True)

@@ -1,4 +1,4 @@
-"""How a run on one or several ranks ends: exit codes, one message, no hanging, signals.
+"""Ends of runs on one or several ranks: exit codes, one message, no hanging, signals.
 
 usage: check_endings.py PROGRAM MPIEXEC [MPIEXEC_FLAGS ...]
 """
@@ -63,7 +63,7 @@ for number in (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGHUP):
 check_signal("second_signal", 0, signal.SIGTERM, 2.5, to_all=True)
 check_signal("second_signal", 2, signal.SIGTERM, 2.5, to_all=True)
 
-# What nohup wants ignored stays so. UCX, on which some MPIs rest, would take SIGHUP before that.
+# A signal that nohup ignores stays ignored. UCX, on which some MPIs rest, would take SIGHUP first.
 os.environ["UCX_DEBUG_SIGNO"] = "0"
 run = subprocess.Popen(["nohup", PROGRAM, "signal"], stdout=subprocess.PIPE, text=True)
 assert run.stdout is not None

@@ -1,4 +1,4 @@
-"""What each rule of the dialect refuses: the line and the reason."""
+"""Refusals of each rule of the dialect: the line and the reason."""
 
 import unittest
 

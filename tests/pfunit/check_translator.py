@@ -26,7 +26,7 @@ def read(text: str, name: str = "some.pf") -> Source:
 
 
 def gathered(text: str) -> str:
-    """What is written after the tests."""
+    """Text written after the tests."""
     source = read(text)
     assert not source.complaints, source.complaints
     return translation(source, Path("some.F90")).split("end module some\n")[-1]

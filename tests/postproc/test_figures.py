@@ -1,4 +1,4 @@
-"""What figures show and say: no curve left out, units and errors named, nothing that misleads."""
+"""Contents of figures: no curve left out, units and errors named, nothing that misleads."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def test_a_scatter_names_lengths_and_oscillators(axes):
 
 @pytest.mark.parametrize("forced", [1, 2, 11, 15, 19, 20])
 def test_the_forced_dof_is_among_those_drawn(axes, forced):
-    """Of more dofs than can be told apart it was left out as any other."""
+    """It was left out with others if there were more dofs than can be distinguished."""
     psd = np.ones((1, FREQUENCY.size, 20))
     case = case_of("c001", "none", np.full((1, 20), 0.3), psd)
     structure = results_of([]).structure.drop_vars("load")

@@ -1,4 +1,4 @@
-"""What each joint does, in tables and figures along the structure."""
+"""Tables and figures of each joint along the structure."""
 
 from __future__ import annotations
 

@@ -125,7 +125,7 @@ def test_no_standard_output_is_one_line():
 
 
 def test_all_tables_are_counted(drawn):
-    """That of the paper's statements too."""
+    """The table of the paper's statements too."""
     tables = {path.name for path in drawn.glob("*.csv")}
     assert "statements.csv" in tables
     assert f"figures and {len(tables)} tables in" in (drawn.parent / "said").read_text()

@@ -346,7 +346,7 @@ def test_it_installs_as_a_package(tmp_path):
 
 
 def test_its_types_agree():
-    """What py.typed promises; pyproject.toml says how strictly."""
+    """The promise of py.typed; pyproject.toml has its strictness."""
     done = subprocess.run(
         [sys.executable, "-m", "mypy", "--no-incremental", "--cache-dir", os.devnull],
         cwd=ROOT, capture_output=True, text=True, check=False,

@@ -47,7 +47,7 @@ def test_towards_white_noise(sign, verdict):
     [("L0", 0, YES), ("L0", 1, NO), ("L1", 1, YES), ("L1", 2, NO)],
 )
 def test_shape_in_the_lag(correlation, power, verdict):
-    """Of the direct method alone, and of the lengths that are asked for."""
+    """Curves of the direct method alone, with the wanted lengths."""
     curves = family(lambda order: np.where(LAGS == 0, 1.0, 0.01 * LAGS**power), correlation)
     direct = [one.assign_attrs(method="direct") for one in curves]
     test = process_statements.shape_in_the_lag("S2b", (1.0, 3.0))

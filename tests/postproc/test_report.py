@@ -106,7 +106,7 @@ OWN = """\
 
 
 def test_a_report_on_ones_own_structure_opens_with_its_results(results_of_scene, tmp_path):
-    """How much the joints slip, then figures, then processes; nothing of the paper's."""
+    """Slip of the joints, then figures, then processes; nothing of the paper's."""
     assert main([str(results_of_scene(OWN)), "--out", str(tmp_path)]) == 0
     page = (tmp_path / "report.html").read_text().split("</style>")[1]
     chapters = re.findall(r"<h2>([^<]+)</h2>", page)

@@ -1,4 +1,4 @@
-"""What PBS does with a job script, as far as the script can tell: no PBS is needed.
+"""Imitation of PBS for a job script: no PBS is needed.
 
 A job is a copy of the script, run by bash in the user's home in a session of its own, with the
 variables of `qsub -v` and those of PBS; whatever it submits waits in the queue. At its end by force

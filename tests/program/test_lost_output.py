@@ -1,4 +1,4 @@
-"""What cannot be written is never exit code 0: a full disk, a closed pipe, no standard output.
+"""Lost output never ends with exit code 0: a full disk, a closed pipe, no standard output.
 
 Here too: core_system, core_terminal.
 """

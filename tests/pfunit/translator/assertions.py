@@ -107,14 +107,14 @@ def unique(items: list) -> list:
 
 
 def expected_of(actual: Number) -> list[Number]:
-    """What may be expected of an actual value: the default types up to its own, and its own."""
+    """Types of the expected value: the default types up to the actual one, and the actual one."""
     families = list(BITS)
     narrower = families[: families.index(actual.family) + 1]
     return unique([*(Number(family, DEFAULT) for family in narrower), actual])
 
 
 def tolerances_of(assertion: str, actual: Number) -> list[Number | None]:
-    """What may be a tolerance: a default real, or the actual kind; None where none is needed."""
+    """Types of the tolerance: a default real, or the actual kind; None if none is needed."""
     absent = [] if assertion in RELATIVE else [None]
     if actual.family == "integer" or assertion in ORDERINGS:
         return absent
@@ -122,7 +122,7 @@ def tolerances_of(assertion: str, actual: Number) -> list[Number | None]:
 
 
 def actuals_of(assertion: str) -> list[Number]:
-    """What an assertion can be about: complex numbers have no order, integers are exact."""
+    """Types of the actual value: complex numbers have no order, integers are exact."""
     families = {**dict.fromkeys(ORDERINGS, ("integer", "real")), "assertRelativelyEqual": ("real",)}
     return [number for number in NUMBERS if number.family in families.get(assertion, BITS)]
 

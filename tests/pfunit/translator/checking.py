@@ -1,4 +1,4 @@
-"""What can be judged only once a .pf file is read: whether tests and fixtures fit each other."""
+"""Checks of a .pf file that has been read: tests and fixtures must fit each other."""
 
 from reading import Case, Method, Source
 
@@ -19,7 +19,7 @@ def check(source: Source) -> None:
 
 
 def check_case(source: Source, case: Case) -> None:
-    """Whether the fixture type is one of the three kinds, with what its kind needs."""
+    """Complain unless the fixture type is one of the three kinds, with all its kind needs."""
     parents = {"testcase", "parameterizedtestcase", "mpitestcase"}
     is_mpi = case.parent == "mpitestcase"
     is_parameterized = case.parent == "parameterizedtestcase"
@@ -34,7 +34,7 @@ def check_case(source: Source, case: Case) -> None:
 
 
 def check_test(source: Source, test: Method) -> None:
-    """Whether the test fits the fixture, or is a plain one."""
+    """Complain unless the test fits the fixture or is a plain one."""
     parent = source.case.parent if source.case else ""
     is_mpi = parent == "mpitestcase"
     is_parameterized = parent == "parameterizedtestcase"
@@ -51,7 +51,7 @@ def check_test(source: Source, test: Method) -> None:
 
 
 def check_around(source: Source, directive: str, method: Method) -> None:
-    """Whether @before or @after fits every test of the file."""
+    """Complain unless @before or @after fits every test of the file."""
     is_mixed = source.is_mpi and any(not test.npes for test in source.tests)
     broken = {
         "a @testCase has setUp and tearDown instead": source.case,

@@ -77,16 +77,16 @@ class Source:
 
     @property
     def name(self) -> str:
-        """Of the file, and of its module and suite."""
+        """Name of the file, its module and its suite."""
         return self.path.stem
 
     @property
     def is_mpi(self) -> bool:
-        """Whether tests run on several processes."""
+        """True if tests run on several processes."""
         return any(test.npes for test in self.tests)
 
     def complain(self, line: int, reason: str) -> None:
-        """Note what is wrong, where."""
+        """Note a complaint at a line."""
         self.complaints.append(f"{self.path}:{line}: {reason}")
 
     def _read(self, line: str) -> None:

@@ -113,7 +113,7 @@ def read_arguments(name: str, text: str) -> list[str] | None:
 
 
 def count_by_position(arguments: Iterable[str]) -> int:
-    """How many arguments are passed without their name."""
+    """Number of arguments passed without their name."""
     return sum(not BY_NAME.fullmatch(argument) for argument in arguments)
 
 
