@@ -23,7 +23,7 @@ program bench_dynamics
    use structure_model, only: build_structure, damping_type, part_names, structure_type
    implicit none(type, external)
    integer, parameter :: n_samples = 32, repetitions = 5, stride = 100, records_per_piece = 10
-   integer, parameter :: thinning = 4, segment = 1024   !! of spectra, as the program would choose
+   integer, parameter :: thinning = 4, segment = 1024   !! defaults of the program for spectra
    real(wp), parameter :: dt = 0.00843_wp
    real(wp) :: exact_psd(0:segment/2, 5)
    character(:), allocatable :: folder

@@ -27,9 +27,9 @@ program regression
    implicit none(type, external)
    real(wp), parameter :: share_below(2) = [0.05_wp, 0.95_wp]
    integer, parameter :: n_scalars = 4   ! mean, percentiles, standard deviation
-   real(wp), parameter :: highest = 3.0_wp   ! [Hz] of the outputs
+   real(wp), parameter :: highest = 3.0_wp   ! highest frequency of the outputs [Hz]
    integer(long), parameter :: seed = 1_long
-   real(wp), parameter :: share_left_out = 0.05_wp   ! of the law's draws
+   real(wp), parameter :: share_left_out = 0.05_wp   ! share of the law's draws
    type :: case_data
       real(wp), allocatable :: friction(:, :)     !! (point, sample)
       real(wp), allocatable :: slip(:, :)         !! (joint, sample)
@@ -263,7 +263,7 @@ contains
       type(statistic_type) :: plain(size(frequency), n_scalars - 1, n_cases)
       type(statistic_type) :: integrals(n_scalars, n_cases)   ! last the band ratio
       type(statistic_type), allocatable :: spectra(:, :, :)
-      type(statistic_type) :: best(n_scalars - 1)   ! of a frequency
+      type(statistic_type) :: best(n_scalars - 1)   ! estimates at a frequency
       type(error_type), allocatable :: error
       real(wp) :: y(n_fitted*n_cases, size(frequency))
       real(wp) :: own(n, size(frequency)), step

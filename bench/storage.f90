@@ -29,7 +29,7 @@ contains
    !> Times shards of so many blocks: written, verified, and read as the merge reads them.
    subroutine measure_shards(n_shards, n_blocks, ending)
       integer, intent(in) :: n_shards, n_blocks
-      character(*), intent(in) :: ending   !! of the names
+      character(*), intent(in) :: ending   !! end of the names
       type(shard_store) :: store
       type(shard_type), allocatable :: shards(:)
       type(stored_samples) :: stored

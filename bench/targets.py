@@ -154,13 +154,13 @@ def compare(label: str, scene: Path, settings: dict[str, object], folder: Path) 
         said, _ = program("run", scene, "--output", output, **wanted)
         chosen = re.search(r"accuracy +(.*?): the\s+least", said, re.DOTALL).group(1)
         cost = tradeoff.cost(choice(chosen))
-        taken, foreseen = march(chosen)
+        taken, forecast = march(chosen)
         slip, ratio, agree, audited = true_errors(output, reference)
         expected = 1e-9 * cost * samples * n_steps
         finer = tradeoff.finer(target) / cost
         print(f"| {label} | {target:g} | {chosen} | {slip:.2g} | {ratio:.2g}"
               f" | {agree} of {audited} | {taken:.2f} | {expected / taken - 1:+.0%}"
-              f" | {foreseen / taken - 1:+.0%}"
+              f" | {forecast / taken - 1:+.0%}"
               f" | {f'{finer:.1f} times' if np.isfinite(finer) else 'none keeps it'} |",
               flush=True)  # fmt: skip
 

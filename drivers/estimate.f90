@@ -16,7 +16,7 @@ module driver_estimate
    private
    public :: estimate
 
-   integer(long), parameter :: seed = 1_long   !! of the realizations that give the errors
+   integer(long), parameter :: seed = 1_long   !! seed of the realizations that give the errors
    real(wp), parameter :: doubtful = 0.05_wp, rejected = 0.01_wp   !! p-values of a misfit
    character(*), parameter :: lf = new_line('a')
 
@@ -168,14 +168,14 @@ contains
    end function with_range
 
    !> Verdict on a property by its p-value: 'correlation yes (p = 0.4)'
-   pure function judged(what, p) result(text)
-      character(*), intent(in) :: what
+   pure function judged(property, p) result(text)
+      character(*), intent(in) :: property
       real(wp), intent(in) :: p
       character(:), allocatable :: text
 
-      text = what//' yes'
-      if (p <= doubtful) text = what//' doubtful'
-      if (p <= rejected) text = what//' NO'
+      text = property//' yes'
+      if (p <= doubtful) text = property//' doubtful'
+      if (p <= rejected) text = property//' NO'
       text = text//' (p = '//brief(p)//')'
    end function judged
 

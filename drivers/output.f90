@@ -62,7 +62,7 @@ contains
       type(world_type), intent(in) :: world
       type(command_line), intent(in) :: line
       type(scene_type), intent(in) :: scene
-      character(*), intent(in) :: ending   !! of the default name, such as '_c007_s0042.h5'
+      character(*), intent(in) :: ending   !! end of the default name, such as '_c007_s0042.h5'
       type(output_type), intent(out) :: output
       type(error_type), allocatable :: error
 

@@ -226,12 +226,12 @@ contains
    end subroutine broadcast_models
 
    !> Broadcasts one component. All ranks visit the components in the same order.
-   subroutine broadcast_table(self, what, values)
+   subroutine broadcast_table(self, item, values)
       class(broadcast_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
+      type(component), intent(in) :: item
       real(wp), allocatable, intent(inout) :: values(:, :)
 
-      associate (unused => what)
+      associate (unused => item)
       end associate
       call self%world%broadcast(values, self%source)
    end subroutine broadcast_table

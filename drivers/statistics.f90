@@ -31,7 +31,7 @@ module driver_statistics
       integer, private :: width = 0                !! frequencies of a slice
       integer, private :: n_slices = 0             !! slices of all frequencies; 0: no spectra
       type(band_collector), private :: bands
-      type(column_collector), private :: numbers   !! in the order of numbers_of
+      type(column_collector), private :: numbers   !! numbers in the order of numbers_of
       type(span_collector), private :: spans
       type(work_counter), private :: counter
    contains

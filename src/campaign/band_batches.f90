@@ -42,13 +42,13 @@ contains
    end subroutine start_batches
 
    !> Adds one frequency of one dof of one slice.
-   pure subroutine add(self, slice, dof, density, ranking, power, at, low, high)
+   pure subroutine add(self, slice, dof, density, ranking, power, curve, low, high)
       class(batch_collector), intent(inout) :: self
       integer, intent(in) :: slice, dof
       real(wp), intent(in) :: density(:)         !! (sample) [m^2/Hz]
       integer, intent(in) :: ranking(:)          !! samples in ascending order of density
       real(wp), intent(in) :: power(:, :)        !! (batch, sample) in the range of the frequency
-      real(wp), intent(in) :: at(:)              !! mean and percentiles times frequency step [m^2]
+      real(wp), intent(in) :: curve(:)           !! mean and percentiles times frequency step [m^2]
       real(wp), intent(in) :: low(:), high(:)    !! (percentile) ends of the interval of its rank
       ! relative: power of a sample over its mean of all batches
       real(wp) :: relative(n_batches, size(density)), weighted(n_batches)
@@ -62,11 +62,11 @@ contains
          weighted = weighted + density(i)*relative(:, i)
       end do
       associate (variance => self%variance(:, :, dof, slice))
-         if (sum(density) > 0.0_wp) variance(:, 1) = variance(:, 1) + at(1)*weighted/sum(density)
+         if (sum(density) > 0.0_wp) variance(:, 1) = variance(:, 1) + curve(1)*weighted/sum(density)
          do p = 1, size(low)
             associate (near => ranking(floor(low(p)):ceiling(high(p))))
                variance(:, p + 1) = variance(:, p + 1) &
-                                    + at(p + 1)*sum(relative(:, near), 2)/size(near)
+                                    + curve(p + 1)*sum(relative(:, near), 2)/size(near)
             end associate
          end do
       end associate

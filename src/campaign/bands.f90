@@ -88,7 +88,7 @@ contains
       real(wp), intent(in), optional :: power(:, :, :)
       type(estimates_type) :: estimates
       integer :: ranking(size(psd, 3), size(psd, 2))
-      real(wp) :: at(size(psd, 2), size(self%influence, 2))   ! mean and percentiles
+      real(wp) :: curve(size(psd, 2), size(self%influence, 2))   ! mean and percentiles
       real(wp), dimension(size(psd, 3), size(psd, 2)) :: density, logarithm
       real(wp) :: rank(self%columns%n_percentiles, 3), share, slope(size(psd, 2)), weight
       integer :: dof, f, place, s
@@ -99,17 +99,17 @@ contains
          density = transpose(psd(dof, :, :))
          do f = 1, size(psd, 2)
             call self%columns%add(dof + self%n_dof*(first + f - 2), group, density(:, f), &
-                                  at(f, 2:), ranking(:, f))
+                                  curve(f, 2:), ranking(:, f))
             logarithm(:, f) = log(max(density(:, f), at_rest*maxval(density(:, f)), tiny(share)))
          end do
-         do s = 1, size(at, 2)
+         do s = 1, size(curve, 2)
             if (s == 1) then
                estimates = plain_mean(density)
-               at(:, 1) = estimates%value
+               curve(:, 1) = estimates%value
                slope = weight
             else
                estimates = plain_percentile(logarithm, self%columns%share_below(s - 1), ranking)
-               slope = weight*at(:, s)
+               slope = weight*curve(:, s)
             end if
             associate (bias => self%bias(s, dof, slice, group))
                do f = 1, size(psd, 2)
@@ -125,7 +125,7 @@ contains
             place = self%first_of_power(first + f - 1) - self%first_of_power(first)
             call self%batches%add((group - 1)*size(self%bias, 3) + slice, dof, density(:, f), &
                                   ranking(:, f), power(dof, place + 1:place + n_batches, :), &
-                                  weight*at(f, :), rank(:, low), rank(:, high))
+                                  weight*curve(f, :), rank(:, low), rank(:, high))
          end do
       end do
    end subroutine add
@@ -199,7 +199,7 @@ contains
          ratio = statistic_type(not_a_number, low=not_a_number, high=not_a_number)
          if (.not. bottom > 0.0_wp) return
          associate (top => integrals(last)%value)
-            ratio_bias = bias(last)/top - bias(2)/bottom   ! of the logarithm
+            ratio_bias = bias(last)/top - bias(2)/bottom   ! bias of the logarithm
             spread = normal_95*stated_error(by_bin(:, last)/top - by_bin(:, 2)/bottom, &
                                             ratio_bias, n_samples)
             ratio_bias = exp(ratio_bias) - 1.0_wp

@@ -99,11 +99,11 @@ contains
    end function ranks_in_group
 
    !> True if the end of an interval is beyond all samples.
-   pure logical function is_beyond(self, p, which)
+   pure logical function is_beyond(self, p, position)
       class(column_collector), intent(in) :: self
-      integer, intent(in) :: p, which   !! percentile; middle, low or high
+      integer, intent(in) :: p, position   !! percentile; middle, low or high
 
-      is_beyond = self%rank(p, which) < 1.0_wp .or. self%rank(p, which) > self%n_samples
+      is_beyond = self%rank(p, position) < 1.0_wp .or. self%rank(p, position) > self%n_samples
    end function is_beyond
 
    !> Adds the values of a group in one column; returns their percentiles and order on demand.
@@ -113,19 +113,19 @@ contains
       real(wp), intent(in) :: values(:)                !! (sample)
       real(wp), intent(out), optional :: in_group(:)   !! (percentile)
       integer, intent(out), optional :: ranking(:)     !! samples in ascending order
-      integer :: ascending(size(values)), p, which
+      integer :: ascending(size(values)), p, position
       real(wp), dimension(self%n_percentiles, 3) :: percentile, rank
       real(wp) :: sorted(size(values))
 
       ascending = sort_order(values)
       sorted = values(ascending)
       rank = self%ranks_in_group(size(values))
-      do which = 1, 3
+      do position = 1, 3
          do p = 1, size(rank, 1)
-            percentile(p, which) = at_rank(sorted, rank(p, which))
-            if (self%is_beyond(p, which)) &
-               percentile(p, which) = limit_beyond_samples(sorted, self%share_below(p), &
-                                                           which == high)
+            percentile(p, position) = at_rank(sorted, rank(p, position))
+            if (self%is_beyond(p, position)) &
+               percentile(p, position) = limit_beyond_samples(sorted, self%share_below(p), &
+                                                              position == high)
          end do
       end do
       self%sums(:, column, group) = sums_of(values)
@@ -142,7 +142,7 @@ contains
       class(column_collector), intent(in) :: self
       integer, intent(in) :: first, last
       type(selection_type), intent(out) :: selection
-      real(wp), parameter :: rounding = 1.0e-12_wp   ! relative, of means over groups
+      real(wp), parameter :: rounding = 1.0e-12_wp   ! relative error of means over groups
       real(wp) :: bracket(2, self%n_percentiles, last - first + 1)
       integer :: c, p, place(4, self%n_percentiles)
 

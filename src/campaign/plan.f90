@@ -97,7 +97,7 @@ module campaign_plan
       character(:), allocatable :: friction_from   !! 'chain%friction', 'process%mean' or the joints
       type(excitation_settings) :: excitation
       type(integration_settings) :: integration
-      type(case_type), allocatable :: cases(:)  !! in the order of case numbers; audits last
+      type(case_type), allocatable :: cases(:)  !! cases by their numbers, then audits
       type(accuracy_settings) :: accuracy
       type(output_settings) :: output
       character(16) :: estimator = 'plain'      !! 'pooled', 'regression' or 'plain'

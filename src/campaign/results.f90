@@ -130,7 +130,7 @@ contains
 
    !> Replaces plain estimates by zeros, to which the ranks add the estimates of a regression.
    pure subroutine start(self, friction_points)
-      class(case_estimates), intent(inout) :: self   !! with plain estimates
+      class(case_estimates), intent(inout) :: self   !! statistics with plain estimates
       integer, intent(in) :: friction_points(:)    !! points of the process, ascending
       type(statistic_type), parameter :: nothing = statistic_type(ratio=0.0_wp)
 

@@ -42,18 +42,18 @@ module campaign_runner
 contains
 
    !> Prepares the march of a plan.
-   subroutine prepare_runner(plan, file_force, runner, error, like)
+   subroutine prepare_runner(plan, file_force, runner, error, prepared)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N] of kind 'file'
       type(runner_type), intent(out) :: runner
       type(error_type), allocatable, intent(out) :: error
       !> runner for the same structure, methods and step, whose marchers are copied
-      type(runner_type), intent(in), optional :: like
+      type(runner_type), intent(in), optional :: prepared
 
       runner%plan = plan
-      if (present(like)) then
-         runner%marcher = like%marcher
-         if (allocated(like%reference)) runner%reference = like%reference
+      if (present(prepared)) then
+         runner%marcher = prepared%marcher
+         if (allocated(prepared%reference)) runner%reference = prepared%reference
       else
          call new_marcher(plan, plan%integration, runner%marcher, error)
          if (allocated(error)) return
@@ -211,7 +211,7 @@ contains
    !> Number of samples of a block: 32, or fewer if their forces and histories need much memory.
    pure integer function block_width(plan) result(width)
       type(plan_type), intent(in) :: plan
-      real(wp) :: bytes   ! of a sample
+      real(wp) :: bytes   ! memory of a sample
 
       bytes = 0.0_wp
       if (plan%excitation%per_sample) &

@@ -121,7 +121,7 @@ contains
       real(wp), intent(in) :: target          !! [points]
       integer, intent(in) :: n_steps          !! measured steps of the march with these errors
       integer(long), intent(out) :: samples_needed, steps_needed
-      real(wp), parameter :: share = 0.5_wp   ! of the variance, for the time-average error
+      real(wp), parameter :: share = 0.5_wp   ! share of the variance for the time-average error
       real(wp) :: allowed(size(error%record)), record(size(error%record))
       integer(long) :: too_few
 

@@ -46,7 +46,7 @@ contains
 
    !> Size of the results file [byte]: values, chunks that are not full, and headers.
    pure function results_size(plan, transitions, models) result(bytes)
-      type(plan_type), intent(in) :: plan           !! without audits
+      type(plan_type), intent(in) :: plan           !! plan without audits
       real(wp), intent(in) :: transitions           !! transitions of a sample in a step
       type(process_model_type), intent(in) :: models(:)   !! (process) as far as they are known
       real(wp) :: bytes

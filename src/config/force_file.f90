@@ -41,7 +41,7 @@ contains
       integer, intent(in) :: n_columns, n_forces
       real(wp), intent(in) :: dt   !! [s]
       type(complaint_list), intent(inout) :: complaints
-      real(wp), parameter :: tolerance = 0.1_wp   ! of a time, relative to the step
+      real(wp), parameter :: tolerance = 0.1_wp   ! largest error of a time, in steps
       real(wp) :: step, time
       integer :: i, n_bad
 

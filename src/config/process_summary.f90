@@ -90,7 +90,7 @@ contains
       type(process_model_type), intent(in) :: predicted(:)
       integer, intent(in) :: n_points
       character(:), allocatable :: text
-      type(exact_drawing) :: ways(size(predicted))
+      type(exact_drawing) :: drawings(size(predicted))
       logical :: is_exact(size(predicted))
       integer :: i
 
@@ -100,20 +100,20 @@ contains
                           request%sampler == 'exact' .and. allocated(predicted(i)%a) .and. &
                           .not. allocated(predicted(i)%g)
          end associate
-         if (is_exact(i)) ways(i) = cheaper_drawing(predicted(i), n_points)
+         if (is_exact(i)) drawings(i) = cheaper_drawing(predicted(i), n_points)
       end do
-      text = drawing_line(is_exact .and. ways%by_windows, &
-                          'whole windows, redrawn until one is positive: ', ways%n_windows, &
+      text = drawing_line(is_exact .and. drawings%by_windows, &
+                          'whole windows, redrawn until one is positive: ', drawings%n_windows, &
                           ' a realization')// &
-             drawing_line(is_exact .and. .not. ways%by_windows, &
+             drawing_line(is_exact .and. .not. drawings%by_windows, &
                           'values of a window redrawn one at a time, in ', &
-                          real(ways%n_sweeps, wp), ' sweeps')
+                          real(drawings%n_sweeps, wp), ' sweeps')
    end function drawing_text
 
    !> Line on the processes that are drawn in one way, with their largest number; '' without any.
-   pure function drawing_line(are_meant, way, numbers, unit) result(text)
+   pure function drawing_line(are_meant, method, numbers, unit) result(text)
       logical, intent(in) :: are_meant(:)    !! (process) true if it is drawn in this way
-      character(*), intent(in) :: way, unit
+      character(*), intent(in) :: method, unit
       real(wp), intent(in) :: numbers(:)     !! (process)
       character(:), allocatable :: text
 
@@ -121,7 +121,7 @@ contains
       if (.not. any(are_meant)) return
       text = 'about '//brief(maxval(numbers, are_meant))//unit
       if (count(are_meant) > 1) text = 'up to '//text
-      text = labelled('exact law', numbers_text('p', are_meant, 'processes')//': '//way//text)
+      text = labelled('exact law', numbers_text('p', are_meant, 'processes')//': '//method//text)
    end function drawing_line
 
 end module config_process_summary

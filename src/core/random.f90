@@ -34,8 +34,8 @@ contains
    !> Stream of a seed, a label and a sample.
    pure function new_stream(seed, label, sample) result(stream)
       integer(long), intent(in) :: seed
-      integer(long), intent(in) :: label   !! from label_of
-      integer, intent(in) :: sample        !! from 1; 0 for all samples
+      integer(long), intent(in) :: label   !! result of label_of
+      integer, intent(in) :: sample        !! number from 1; 0 for all samples
       type(stream_type) :: stream
       integer(long) :: key
 

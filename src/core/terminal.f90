@@ -82,7 +82,7 @@ contains
 
    !> Writes lines to standard output.
    subroutine say(text)
-      character(*), intent(in) :: text   !! without its last line feed
+      character(*), intent(in) :: text   !! text without its last line feed
 
       call write_output(text//new_line('a'))
    end subroutine say

@@ -69,7 +69,7 @@ contains
       type(block_result), intent(inout) :: block
       integer, intent(in) :: file_offset, block_offset   !! samples before them in file and block
       integer, intent(in) :: n
-      logical, intent(in) :: is_short                !! without the datasets of visit_long
+      logical, intent(in) :: is_short                !! true: no datasets of visit_long
       type(error_type), allocatable, intent(out) :: error
       type(dataset_visitor) :: v
 

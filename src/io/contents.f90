@@ -45,7 +45,7 @@ contains
       do i = 1, size(words)
          if (allocated(error)) return
          if (index(words(i), '/') > 0) &
-            call write_contents(file, group%at(words(i) (:index(words(i), '/') - 1)), error)
+            call write_contents(file, group%path_of(words(i) (:index(words(i), '/') - 1)), error)
       end do
    end subroutine write_contents
 
@@ -85,13 +85,13 @@ contains
          if (index(' '//members//' ', ' '//word//' ') == 0) then
             if (any([index(' '//members, ' '//name//'/'), index(' '//members, ' '//name//'(')] &
                     > 0)) then
-               call faults%add(group%at(name)//' does not have the shape '// &
+               call faults%add(group%path_of(name)//' does not have the shape '// &
                                word(len(name) + 1:)//' any more')
             else
-               call faults%add(group%at(name)//' is missing')
+               call faults%add(group%path_of(name)//' is missing')
             end if
          else if (word == name//'/') then
-            call check_group(file, group%at(name), faults)
+            call check_group(file, group%path_of(name), faults)
          else
             call group%check(name)
             call add_error()
@@ -123,7 +123,7 @@ contains
       do i = 1, size(names)
          if (allocated(group%error)) return
          if (i > 1) members = members//' '
-         if (group%file%is_group(group%at(trim(names(i))))) then
+         if (group%file%is_group(group%path_of(trim(names(i))))) then
             members = members//trim(names(i))//'/'
          else
             call group%read_shape(trim(names(i)), extents)

@@ -42,7 +42,7 @@ contains
       real(wp) :: found
 
       dataset%file = root%file
-      dataset%path = root%at(name)
+      dataset%path = root%path_of(name)
       if (.not. root%has(name)) then
          call raise(error, exit_bad_input, root%file%path//': has no dataset '//dataset%path)
          return
@@ -67,7 +67,7 @@ contains
       real(wp) :: most   ! values
       integer :: n_axes, status
 
-      dataset = root%file%path//': '//root%at(name)
+      dataset = root%file%path//': '//root%path_of(name)
       call root%read_shape(name, n)
       if (allocated(root%error) .or. all(size(n) /= [1, 2])) then
          call raise(error, exit_bad_input, dataset// &

@@ -64,7 +64,7 @@ contains
       !> axes in Python's order, '' for a scalar; absent: the axis of `start_table`
       character(*), intent(in), optional :: axes
       character(*), intent(in), optional :: kind   !! kind of whole numbers: see `make`
-      integer, intent(in), optional :: extents(:)  !! of the dataset; absent: the shape of `values`
+      integer, intent(in), optional :: extents(:)  !! of the dataset; default: as `values`
       character(:), allocatable :: names
 
       if (.not. present(values)) return

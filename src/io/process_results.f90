@@ -112,27 +112,27 @@ contains
    end subroutine write_request
 
    !> Writes or reads a number: a scalar dataset if it has a description, else an attribute.
-   subroutine visit_real(self, what, value, error)
+   subroutine visit_real(self, item, value, error)
       class(group_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
+      type(component), intent(in) :: item
       real(wp), intent(inout) :: value
       real(wp), intent(inout), optional :: error
       character(:), allocatable :: name
 
-      name = trim(what%name)
+      name = trim(item%name)
       if (self%writes) then
-         if (what%is_optional .and. .not. abs(value) > 0.0_wp) return
-         if (what%is_whole) then
+         if (item%is_optional .and. .not. abs(value) > 0.0_wp) return
+         if (item%is_whole) then
             call self%group%attribute(name, nint(value))
-         else if (what%about == '') then
+         else if (item%about == '') then
             call self%group%attribute(name, value)
          else
-            call self%group%put_value(name, value, trim(what%units), trim(what%about), error)
+            call self%group%put_value(name, value, trim(item%units), trim(item%about), error)
          end if
-      else if (what%about == '') then
+      else if (item%about == '') then
          call self%group%read(name, value)
       else
-         if (what%is_optional) then
+         if (item%is_optional) then
             value = 0.0_wp
             if (.not. self%group%has(name)) return
          end if
@@ -142,41 +142,41 @@ contains
    end subroutine visit_real
 
    !> Writes or reads a text as an attribute.
-   subroutine visit_text(self, what, value)
+   subroutine visit_text(self, item, value)
       class(group_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
+      type(component), intent(in) :: item
       character(:), allocatable, intent(inout) :: value
 
       if (self%writes) then
-         if (allocated(value)) call self%group%attribute(trim(what%name), value)
-      else if (self%group%has_attribute(trim(what%name))) then
-         call self%group%read(trim(what%name), value)
+         if (allocated(value)) call self%group%attribute(trim(item%name), value)
+      else if (self%group%has_attribute(trim(item%name))) then
+         call self%group%read(trim(item%name), value)
       end if
    end subroutine visit_text
 
    !> Writes or reads a dataset of one axis or two.
-   subroutine visit_table(self, what, values)
+   subroutine visit_table(self, item, values)
       class(group_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
+      type(component), intent(in) :: item
       real(wp), allocatable, intent(inout) :: values(:, :)
       real(wp), allocatable :: row(:)
       character(:), allocatable :: axes
       logical :: is_row
 
-      is_row = what%rows%name == ''
+      is_row = item%rows%name == ''
       if (self%writes) then
          if (.not. allocated(values)) return
-         call put_axis(self, what%axis, size(values, 2))
-         if (.not. is_row) call put_axis(self, what%rows, size(values, 1))
-         axes = trim(what%axis%name)//' '//what%rows%name
-         call self%group%put(trim(what%name), values, trim(what%units), trim(what%about), &
-                             trim(axes), trim(merge('integer', 'real   ', what%is_whole)), &
+         call put_axis(self, item%axis, size(values, 2))
+         if (.not. is_row) call put_axis(self, item%rows, size(values, 1))
+         axes = trim(item%axis%name)//' '//item%rows%name
+         call self%group%put(trim(item%name), values, trim(item%units), trim(item%about), &
+                             trim(axes), trim(merge('integer', 'real   ', item%is_whole)), &
                              pack(shape(values), [.not. is_row, .true.]))
       else if (is_row) then
-         call self%group%get(trim(what%name), row)
+         call self%group%get(trim(item%name), row)
          if (allocated(row)) values = reshape(row, [1, size(row)])
       else
-         call self%group%get(trim(what%name), values)
+         call self%group%get(trim(item%name), values)
       end if
    end subroutine visit_table
 

@@ -14,7 +14,7 @@ module io_progress
       private
       logical :: is_silent = .true.
       logical :: is_redrawn = .false.         !! on a terminal
-      character(:), allocatable :: noun       !! what is counted, such as 'samples'
+      character(:), allocatable :: noun       !! counted things, such as 'samples'
       integer :: total = 0, done_before = 0   !! items in all, and those of an earlier run
       integer :: width = 0                    !! characters of the line on the terminal
       real(wp) :: interval = 0.0_wp           !! time between two lines [s]

@@ -31,7 +31,7 @@ module io_shards
    !> Shards from which samples are read. `read_shard` has checked their identity and checksums.
    type :: stored_samples
       type(shard_store) :: store
-      type(shard_type), allocatable :: shards(:)   !! in order of cases, then of samples
+      type(shard_type), allocatable :: shards(:)   !! shards by case, then by sample
    contains
       procedure :: shards_of
       procedure :: read => read_samples

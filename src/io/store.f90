@@ -76,7 +76,7 @@ contains
    !> or program.
    subroutine open_in_store(store, name, content, advice, file, error)
       type(shard_store), intent(in) :: store
-      character(*), intent(in) :: name       !! without the folder
+      character(*), intent(in) :: name       !! name without the folder
       character(*), intent(in) :: content    !! content that the name states: 'samples' or 'process'
       character(*), intent(in) :: advice     !! end of an error
       type(hdf5_file), intent(out) :: file

@@ -59,7 +59,7 @@ contains
    subroutine maximize(objective, step, tolerance, max_iterations)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(in) :: step          !! step of finite differences
-      real(wp), intent(in) :: tolerance     !! for constraints and the Lagrangian's gradient
+      real(wp), intent(in) :: tolerance     !! largest constraint and gradient of the Lagrangian
       integer, intent(in) :: max_iterations
       real(wp), dimension(size(objective%point)) :: change, gradient, old_gradient
       real(wp), dimension(objective%n_constraints, size(objective%point)) :: jacobian, old_jacobian

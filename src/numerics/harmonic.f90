@@ -19,7 +19,7 @@ module numerics_harmonic
    !> A window of values at equal intervals.
    type :: harmonic_window
       integer :: n_values = 0
-      real(wp) :: frequency = 0.0_wp                     !! of the fundamental [Hz]
+      real(wp) :: frequency = 0.0_wp                     !! frequency of the fundamental [Hz]
       real(wp) :: interval = 0.0_wp                      !! [s]
       real(wp), allocatable, private :: weight(:, :)     !! (value, sine and cosine) of the fit
    contains

@@ -41,12 +41,12 @@ module process_components
    end type component_visitor
 
    abstract interface
-      subroutine act_on_table(self, what, values)
+      subroutine act_on_table(self, item, values)
          import :: component, component_visitor, wp
          implicit none(type, external)
          class(component_visitor), intent(inout) :: self
-         type(component), intent(in) :: what
-         real(wp), allocatable, intent(inout) :: values(:, :)   !! (what%rows, what%axis)
+         type(component), intent(in) :: item
+         real(wp), allocatable, intent(inout) :: values(:, :)   !! (item%rows, item%axis)
       end subroutine act_on_table
    end interface
 
@@ -61,23 +61,23 @@ module process_components
 
 contains
 
-   subroutine visit_real(self, what, value, error)
+   subroutine visit_real(self, item, value, error)
       class(component_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
+      type(component), intent(in) :: item
       real(wp), intent(inout) :: value
       real(wp), intent(inout), optional :: error
       real(wp), allocatable :: numbers(:)
 
       numbers = [value]
       if (present(error)) numbers = [value, error]
-      call self%visit(what, numbers)
+      call self%visit(item, numbers)
       value = numbers(1)
       if (present(error)) error = numbers(2)
    end subroutine visit_real
 
-   subroutine visit_text(self, what, value)
+   subroutine visit_text(self, item, value)
       class(component_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
+      type(component), intent(in) :: item
       character(:), allocatable, intent(inout) :: value
       integer, allocatable :: codes(:)
       integer :: i
@@ -86,7 +86,7 @@ contains
          codes = [(iachar(value(i:i)), i=1, len(value))]
          deallocate (value)
       end if
-      call self%visit(what, codes)
+      call self%visit(item, codes)
       if (.not. allocated(codes)) return
       allocate (character(size(codes)) :: value)
       do i = 1, size(codes)
@@ -94,20 +94,20 @@ contains
       end do
    end subroutine visit_text
 
-   subroutine visit_integer(self, what, value)
+   subroutine visit_integer(self, item, value)
       class(component_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
+      type(component), intent(in) :: item
       integer, intent(inout) :: value
       real(wp) :: number
 
       number = value
-      call self%visit_real(whole(what), number)
+      call self%visit_real(as_integers(item), number)
       value = nint(number)
    end subroutine visit_integer
 
-   subroutine visit_reals(self, what, values)
+   subroutine visit_reals(self, item, values)
       class(component_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
+      type(component), intent(in) :: item
       real(wp), allocatable, intent(inout) :: values(:)
       real(wp), allocatable :: table(:, :)
 
@@ -115,41 +115,41 @@ contains
          table = reshape(values, [1, size(values)])
          deallocate (values)
       end if
-      call self%visit_table(what, table)
+      call self%visit_table(item, table)
       if (.not. allocated(table)) return
-      allocate (values(what%axis%first:what%axis%first + size(table, 2) - 1))
+      allocate (values(item%axis%first:item%axis%first + size(table, 2) - 1))
       values(:) = table(1, :)
    end subroutine visit_reals
 
-   subroutine visit_integers(self, what, values)
+   subroutine visit_integers(self, item, values)
       class(component_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
+      type(component), intent(in) :: item
       integer, allocatable, intent(inout) :: values(:)
       real(wp), allocatable :: numbers(:)
 
       if (allocated(values)) numbers = real(values, wp)
-      call self%visit(whole(what), numbers)
+      call self%visit(as_integers(item), numbers)
       if (allocated(numbers)) values = nint(numbers)
    end subroutine visit_integers
 
-   subroutine visit_integer_table(self, what, values)
+   subroutine visit_integer_table(self, item, values)
       class(component_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
+      type(component), intent(in) :: item
       integer, allocatable, intent(inout) :: values(:, :)
       real(wp), allocatable :: numbers(:, :)
 
       if (allocated(values)) numbers = real(values, wp)
-      call self%visit_table(whole(what), numbers)
+      call self%visit_table(as_integers(item), numbers)
       if (allocated(numbers)) values = nint(numbers)
    end subroutine visit_integer_table
 
    !> Copy of a component, marked as integers.
-   pure type(component) function whole(what)
-      type(component), intent(in) :: what
+   pure type(component) function as_integers(item)
+      type(component), intent(in) :: item
 
-      whole = what
-      whole%is_whole = .true.
-   end function whole
+      as_integers = item
+      as_integers%is_whole = .true.
+   end function as_integers
 
    !> Resets all components but the request.
    subroutine reset_components(model)

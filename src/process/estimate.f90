@@ -7,7 +7,7 @@
 !>
 !>    -2 ln L = (n - 1) ln sigma^2 + ln det S + ln 1' S^-1 1.                                  (1)
 !>
-!> The lengths of the best candidate are refined by a parabola through its neighbours in ln L0. The
+!> The lengths of the best trial are refined by a parabola through its neighbours in ln L0. The
 !> same estimates from realizations of the fitted process, at the same points, give the errors and
 !> the distributions of the two statistics by which the fit is tested.
 module process_estimate
@@ -29,9 +29,9 @@ module process_estimate
    private
    public :: measured_record, process_estimate_type, estimate_process
 
-   integer, parameter :: orders(*) = [1, 2, 3, 5, 7, 10]          !! orders of the candidates
-   integer, parameter :: lengths_per_decade = 12                  !! L0 of the candidates
-   real(wp), parameter :: shortest = 0.02_wp, longest = 20.0_wp   !! L0 of the candidates [lags]
+   integer, parameter :: orders(*) = [1, 2, 3, 5, 7, 10]          !! orders of the trials
+   integer, parameter :: lengths_per_decade = 12                  !! L0 of the trials
+   real(wp), parameter :: shortest = 0.02_wp, longest = 20.0_wp   !! L0 of the trials [lags]
    integer, parameter :: longest_piece = 128   !! points of a correlation matrix
    integer, parameter :: fewest_values = 8
    integer, parameter :: n_lags_tested = 8     !! lags in the test of the correlation
@@ -52,7 +52,7 @@ module process_estimate
       real(wp) :: std = 0.0_wp, std_error = 0.0_wp
       real(wp) :: std_of_record_means = 0.0_wp   !! std of the means of the records, if several
       real(wp) :: l0 = 0.0_wp, l0_error = 0.0_wp, l0_range(2) = 0.0_wp   !! [lags]
-      real(wp) :: longest = 0.0_wp              !! largest L0 of the candidates of this order [lags]
+      real(wp) :: longest = 0.0_wp              !! largest L0 of the trials of this order [lags]
       real(wp) :: l1 = 0.0_wp, l1_error = 0.0_wp, l1_range(2) = 0.0_wp   !! [lags]
       real(wp) :: correlation(n_lags_tested) = 0.0_wp   !! correlation of the values, from lag 1
       real(wp) :: expected(n_lags_tested) = 0.0_wp      !! correlation of the process, from lag 1
@@ -67,11 +67,11 @@ module process_estimate
    end type piece_type
 
    !> Candidate. Those of one order stand in ascending order of L0.
-   type :: candidate_type
+   type :: trial_type
       integer :: order = 0
       real(wp) :: l0 = 0.0_wp, l1 = 0.0_wp
       real(wp), allocatable :: correlation(:)   !! K(m)/K(0), m = 0..
-   end type candidate_type
+   end type trial_type
 
    !> Estimates from one column of values, and the statistics of its tests.
    type :: fit_type
@@ -91,26 +91,26 @@ contains
       type(process_estimate_type), intent(out) :: estimate
       type(error_type), allocatable, intent(out) :: error
       type(piece_type), allocatable :: pieces(:)
-      type(candidate_type), allocatable :: candidates(:)
+      type(trial_type), allocatable :: trials(:)
       type(fit_type), allocatable :: fits(:), refits(:)   ! (column)
       real(wp), allocatable :: values(:, :), realizations(:, :)   ! (value, column)
 
       call collect_values(records, values, pieces, estimate)
       call check_values(values(:, 1), error)
       if (allocated(error)) return
-      call list_candidates(size(values, 1), largest_lag(pieces), candidates, error)
+      call list_trials(size(values, 1), largest_lag(pieces), trials, error)
       if (allocated(error)) return
-      call fit_columns(values, pieces, candidates, fits, error)
+      call fit_columns(values, pieces, trials, fits, error)
       if (allocated(error)) return
       estimate%mean = fits(1)%mean
       estimate%std = fits(1)%std
       estimate%l0 = fits(1)%l0
       estimate%l1 = fits(1)%l1
-      estimate%longest = maxval(candidates%l0, mask=candidates%order == fits(1)%order)
+      estimate%longest = maxval(trials%l0, mask=trials%order == fits(1)%order)
       estimate%request = process_request(correlation_length=estimate%l0, order=fits(1)%order, &
                                          mean=estimate%mean, std=estimate%std, &
                                          positive=all(values >= 0.0_wp), &
-                                         branch='nonnegative')   ! as the candidates
+                                         branch='nonnegative')   ! as the trials
       call fit_process(estimate%request, seed, estimate%model)
       if (.not. estimate%model%is_solved) then
          call raise(error, exit_no_solution, 'no process has the estimates (mean '// &
@@ -120,7 +120,7 @@ contains
       end if
       allocate (realizations(size(values, 1), n_replicates))
       call draw_realizations(records, estimate%model, seed, realizations)
-      call fit_columns(realizations, pieces, candidates, refits, error)
+      call fit_columns(realizations, pieces, trials, refits, error)
       if (allocated(error)) return
       call find_errors(values(:, 1), pieces, fits(1), refits, estimate)
    end subroutine estimate_process
@@ -184,52 +184,52 @@ contains
       end do
    end function largest_lag
 
-   !> Lists the candidates: white noise, then every order with L0 from the shortest to the longest,
+   !> Lists the trials: white noise, then every order with L0 from the shortest to the longest,
    !> as long as L1 is at most a third of the number of values. A longer correlation can hardly be
    !> distinguished from a change of the mean.
-   subroutine list_candidates(n_values, n_lags, candidates, error)
+   subroutine list_trials(n_values, n_lags, trials, error)
       integer, intent(in) :: n_values, n_lags
-      type(candidate_type), allocatable, intent(out) :: candidates(:)
+      type(trial_type), allocatable, intent(out) :: trials(:)
       type(error_type), allocatable, intent(out) :: error
-      type(candidate_type) :: candidate
+      type(trial_type) :: trial
       type(correlation_sums) :: sums
       real(wp), allocatable :: kappa(:)
       integer :: i, k
 
-      candidate%order = 1
-      allocate (candidate%correlation(0:n_lags), source=0.0_wp)
-      candidate%correlation(0) = 1.0_wp
-      candidates = [candidate]
+      trial%order = 1
+      allocate (trial%correlation(0:n_lags), source=0.0_wp)
+      trial%correlation(0) = 1.0_wp
+      trials = [trial]
       do i = 1, size(orders)
-         candidate%order = orders(i)
+         trial%order = orders(i)
          do k = 0, nint(lengths_per_decade*log10(longest/shortest))
-            candidate%l0 = shortest*10.0_wp**(real(k, wp)/lengths_per_decade)
-            call optimal_reflection(process_request(correlation_length=candidate%l0, &
-                                                    order=candidate%order), kappa, error)
+            trial%l0 = shortest*10.0_wp**(real(k, wp)/lengths_per_decade)
+            call optimal_reflection(process_request(correlation_length=trial%l0, &
+                                                    order=trial%order), kappa, error)
             if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
             if (allocated(error)) return
-            candidate%l1 = sums%l1
-            if (candidate%l1 > n_values/3.0_wp) exit
-            candidate%correlation(:) = autocovariance_of(kappa, n_lags)
-            candidates = [candidates, candidate]
+            trial%l1 = sums%l1
+            if (trial%l1 > n_values/3.0_wp) exit
+            trial%correlation(:) = autocovariance_of(kappa, n_lags)
+            trials = [trials, trial]
          end do
       end do
-   end subroutine list_candidates
+   end subroutine list_trials
 
-   !> Finds the best candidate of each column by Eq. (1), and the statistics of its tests.
-   subroutine fit_columns(values, pieces, candidates, fits, error)
+   !> Finds the best trial of each column by Eq. (1), and the statistics of its tests.
+   subroutine fit_columns(values, pieces, trials, fits, error)
       real(wp), intent(in) :: values(:, :)   !! (value, column)
       type(piece_type), intent(in) :: pieces(:)
-      type(candidate_type), intent(in) :: candidates(:)
+      type(trial_type), intent(in) :: trials(:)
       type(fit_type), allocatable, intent(out) :: fits(:)   !! (column)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), dimension(size(candidates), size(values, 2)) :: deviance, mean, variance
+      real(wp), dimension(size(trials), size(values, 2)) :: deviance, mean, variance
       real(wp) :: correlation(n_lags_tested), residuals(size(values, 1))
       integer :: best, c, column, n, n_pairs(n_lags_tested)
 
       n = size(values, 2)
-      do c = 1, size(candidates)
-         call find_deviance(values, pieces, candidates(c)%correlation, deviance(c, :), &
+      do c = 1, size(trials)
+         call find_deviance(values, pieces, trials(c)%correlation, deviance(c, :), &
                             mean(c, :), variance(c, :), error)
          if (allocated(error)) return
       end do
@@ -237,13 +237,13 @@ contains
       do column = 1, n
          best = minloc(deviance(:, column), 1)
          associate (fit => fits(column))
-            fit%order = candidates(best)%order
+            fit%order = trials(best)%order
             fit%mean = mean(best, column)
             fit%std = sqrt(variance(best, column))
-            call refine_lengths(candidates, best, deviance(:, column), fit%l0, fit%l1)
+            call refine_lengths(trials, best, deviance(:, column), fit%l0, fit%l1)
             residuals = (values(:, column) - fit%mean)/fit%std
             fit%distance = anderson_darling(residuals)
-            call whiten(pieces, candidates(best)%correlation, residuals, error)
+            call whiten(pieces, trials(best)%correlation, residuals, error)
             if (allocated(error)) return
             call correlate(residuals, pieces, correlation, n_pairs)
             fit%misfit = sum(n_pairs*correlation**2)
@@ -321,27 +321,27 @@ contains
       end do
    end subroutine whiten
 
-   !> Refines L0 and L1 by a parabola through the best candidate and its neighbours of the same
-   !> order. At an end of the grid they are those of the best candidate.
-   pure subroutine refine_lengths(candidates, best, deviance, l0, l1)
-      type(candidate_type), intent(in) :: candidates(:)
+   !> Refines L0 and L1 by a parabola through the best trial and its neighbours of the same
+   !> order. At an end of the grid they are those of the best trial.
+   pure subroutine refine_lengths(trials, best, deviance, l0, l1)
+      type(trial_type), intent(in) :: trials(:)
       integer, intent(in) :: best
       real(wp), intent(in) :: deviance(:)
       real(wp), intent(out) :: l0, l1
       real(wp) :: below, above, shift
       integer :: neighbour
 
-      l0 = candidates(best)%l0
-      l1 = candidates(best)%l1
-      if (best < 3 .or. best == size(candidates)) return
-      if (candidates(best - 1)%order /= candidates(best + 1)%order) return
+      l0 = trials(best)%l0
+      l1 = trials(best)%l1
+      if (best < 3 .or. best == size(trials)) return
+      if (trials(best - 1)%order /= trials(best + 1)%order) return
       below = deviance(best - 1) - deviance(best)
       above = deviance(best + 1) - deviance(best)
       if (.not. below + above > 0.0_wp) return
       shift = 0.5_wp*(below - above)/(below + above)
       neighbour = best + merge(1, -1, shift > 0.0_wp)
-      l0 = l0*(candidates(neighbour)%l0/l0)**abs(shift)
-      l1 = l1*(candidates(neighbour)%l1/l1)**abs(shift)
+      l0 = l0*(trials(neighbour)%l0/l0)**abs(shift)
+      l1 = l1*(trials(neighbour)%l1/l1)**abs(shift)
    end subroutine refine_lengths
 
    !> Computes the mean products of standardized values at lags 1 to n_lags_tested; 0 without pairs.

@@ -116,7 +116,7 @@ contains
    !> Draws from the exact law, Eq. (25), of order 1 with alternating K(m): a Markov chain whose
    !> transition density is a mixture of truncated normal laws, one for each node.
    subroutine draw_alternating(model, stream, values)
-      type(process_model_type), intent(in) :: model   !! with G, order 1
+      type(process_model_type), intent(in) :: model   !! model with G, order 1
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
       real(wp), dimension(size(model%nodes)) :: c, share
@@ -149,10 +149,10 @@ contains
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
       real(wp) :: window(size(values) + 2*model%memory)
-      type(exact_drawing) :: way
+      type(exact_drawing) :: drawing
 
-      way = cheaper_drawing(model, size(values))
-      if (way%by_windows) then
+      drawing = cheaper_drawing(model, size(values))
+      if (drawing%by_windows) then
          do
             call draw_gaussian(model, stream, window)
             if (all(window > 0.0_wp)) exit
@@ -161,24 +161,24 @@ contains
       else
          call draw_window(symbol_of_process(model%a, 1.0_wp), &
                           model%mu/model%b0*(1.0_wp + sum(model%a))**2, &
-                          model%mean/model%b0, model%memory, way%n_sweeps, stream, values)
+                          model%mean/model%b0, model%memory, drawing%n_sweeps, stream, values)
          values = model%b0*values
       end if
    end subroutine draw_exact
 
    !> Cheaper method for the exact law. Needs coefficients, std, L0, memory and Lambda of the model.
-   pure function cheaper_drawing(model, n_points) result(way)
-      type(process_model_type), intent(in) :: model   !! of the exact law
+   pure function cheaper_drawing(model, n_points) result(drawing)
+      type(process_model_type), intent(in) :: model   !! model of the exact law
       integer, intent(in) :: n_points
-      type(exact_drawing) :: way
+      type(exact_drawing) :: drawing
       real(wp), parameter :: trial_cost = 1.5_wp   ! over that of a sweep
       real(wp) :: ln_windows
 
-      way%n_sweeps = sweeps_to_forget((1.0_wp + sum(model%a**2))*(model%std/model%b0)**2, &
-                                      model%l0, start_weight)
+      drawing%n_sweeps = sweeps_to_forget((1.0_wp + sum(model%a**2))*(model%std/model%b0)**2, &
+                                          model%l0, start_weight)
       ln_windows = -log(model%lambda)*(n_points + 2*model%memory)
-      way%by_windows = ln_windows < log(way%n_sweeps/trial_cost)
-      if (way%by_windows) way%n_windows = exp(ln_windows)
+      drawing%by_windows = ln_windows < log(drawing%n_sweeps/trial_cost)
+      if (drawing%by_windows) drawing%n_windows = exp(ln_windows)
    end function cheaper_drawing
 
    !> Draws a Gaussian realization from the stationary law.
@@ -240,7 +240,7 @@ contains
    pure function widest_margin(model) result(n)
       type(process_model_type), intent(in) :: model
       integer :: n
-      integer, parameter :: max_entries = 2**23   ! of the band of a margin: 64 MB
+      integer, parameter :: max_entries = 2**23   ! entries of the band of a margin: 64 MB
 
       n = max_entries/(1 + model%order)
    end function widest_margin

@@ -81,14 +81,14 @@ contains
 
    !> Scales a component by the power of the unit of X in its unit; adds the logarithm of the unit
    !> to an entropy, but not to its error.
-   subroutine scale_table(self, what, values)
+   subroutine scale_table(self, item, values)
       class(scaling_visitor), intent(inout) :: self
-      type(component), intent(in) :: what
+      type(component), intent(in) :: item
       real(wp), allocatable, intent(inout) :: values(:, :)
       integer :: n
 
       if (.not. allocated(values)) return
-      select case (what%units)
+      select case (item%units)
       case ('unit of x')
          values = self%unit*values
       case ('unit of x squared')
@@ -96,8 +96,8 @@ contains
       case ('1/unit of x squared')
          values = values/self%unit**2
       case ('nat')
-         if (what%is_optional .and. .not. any(abs(values) > 0.0_wp)) return   ! absent
-         n = merge(1, size(values, 2), what%axis%name == '')
+         if (item%is_optional .and. .not. any(abs(values) > 0.0_wp)) return   ! absent
+         n = merge(1, size(values, 2), item%axis%name == '')
          values(:, :n) = values(:, :n) + log(self%unit)
       end select
    end subroutine scale_table

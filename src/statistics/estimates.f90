@@ -82,7 +82,7 @@ contains
       real(wp), intent(in) :: p         !! share of the law below the percentile
       integer, intent(in), optional :: ranking(:, :)   !! (rank, output) samples; else computed
       type(estimates_type) :: plain
-      real(wp) :: sorted(size(y, 1)), factor, rank, reach, scatter, slope
+      real(wp) :: sorted(size(y, 1)), factor, rank, shift, scatter, slope
       logical :: has_ends(2)   ! order statistics exist where the interval ends
       integer :: n, o
 
@@ -91,7 +91,7 @@ contains
       allocate (plain%stretch(2, size(y, 2)), source=1.0_wp)
       rank = 1.0_wp + p*(n - 1)
       scatter = sqrt(p*(1.0_wp - p)*n)
-      reach = min(scatter, rank - 1.0_wp, n - rank)
+      shift = min(scatter, rank - 1.0_wp, n - rank)
       has_ends = [rank - normal_95*scatter >= 1.0_wp, rank + normal_95*scatter <= n]
       do o = 1, size(y, 2)
          if (present(ranking)) then
@@ -106,9 +106,9 @@ contains
          ! a share rank/(n + 1) of the law is expected below an order statistic, and not p; its
          ! scatter r/n makes a further bias, half of the quantile's second derivative times r^2
          plain%bias(o) = n*slope*(rank/(n + 1) - p)
-         if (reach > 0.0_wp) plain%bias(o) = plain%bias(o) + 0.5_wp*(scatter/reach)**2 &
-                                             *(at_rank(sorted, rank + reach) - plain%value(o) &
-                                               + at_rank(sorted, rank - reach) - plain%value(o))
+         if (shift > 0.0_wp) plain%bias(o) = plain%bias(o) + 0.5_wp*(scatter/shift)**2 &
+                                             *(at_rank(sorted, rank + shift) - plain%value(o) &
+                                               + at_rank(sorted, rank - shift) - plain%value(o))
          if (.not. slope > 0.0_wp) cycle
          factor = 1.0_wp/student_factor(effective_degrees(plain%influence(:, o), &
                                                           sum_of_squares(plain%influence(:, o))))
@@ -139,19 +139,19 @@ contains
       logical, intent(in) :: is_upper
       real(wp) :: value
       type(estimates_type) :: root
-      real(wp) :: centre, limit, reach, scatter
+      real(wp) :: centre, limit, shift, scatter
       integer :: i, n
 
       n = size(sorted)
       root = plain_percentile(reshape(sqrt(sorted), [n, 1]), p, reshape([(i, i=1, n)], [n, 1]))
-      reach = normal_95*stated_error(root%influence(:, 1), 0.0_wp, n)
+      shift = normal_95*stated_error(root%influence(:, 1), 0.0_wp, n)
       centre = sum(sqrt(sorted))/n
       scatter = sqrt(sum((sqrt(sorted) - centre)**2)/(n - 1))
       limit = scatter*tolerance_factor(n, merge(p, 1.0_wp - p, is_upper))
       if (is_upper) then
-         value = max(sorted(n), max(root%value(1) + reach*root%stretch(2, 1), centre + limit)**2)
+         value = max(sorted(n), max(root%value(1) + shift*root%stretch(2, 1), centre + limit)**2)
       else
-         value = min(sorted(1), max(0.0_wp, min(root%value(1) - reach*root%stretch(1, 1), &
+         value = min(sorted(1), max(0.0_wp, min(root%value(1) - shift*root%stretch(1, 1), &
                                                 centre - limit))**2)
       end if
    end function limit_beyond_samples
@@ -203,7 +203,7 @@ contains
    !> 1/density at a percentile, from the influences of plain sampling.
    pure real(wp) function inverse_density(influence, n_samples, p)
       real(wp), intent(in), contiguous :: influence(:)   !! (sample)
-      integer, intent(in) :: n_samples                   !! of the case
+      integer, intent(in) :: n_samples                   !! samples of the case
       real(wp), intent(in) :: p                          !! share of the law below the percentile
 
       inverse_density = sqrt(n_samples*sum_of_squares(influence)/(p*(1.0_wp - p)))
@@ -214,7 +214,7 @@ contains
    pure function stated_error(influence, bias, n_samples) result(error)
       real(wp), intent(in), contiguous :: influence(:)   !! (sample)
       real(wp), intent(in) :: bias
-      integer, intent(in) :: n_samples                   !! of the case
+      integer, intent(in) :: n_samples                   !! samples of the case
       real(wp) :: error
       real(wp) :: square
 

@@ -62,7 +62,7 @@ contains
       type(case_law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:)      !! (point) function of G
       real(wp), intent(in), contiguous :: predicted(:)   !! (sample) the same, leave-one-out
-      real(wp) :: ratio(2)                               !! for the fit, for plain sampling
+      real(wp) :: ratio(2)                               !! ratios for the fit and plain sampling
       real(wp) :: mean, own_variance, pool_variance, law_variance
       integer :: m
 
@@ -108,7 +108,7 @@ contains
    pure function tail_factors(factor, kappa) result(tail_factor)
       real(wp), intent(in) :: factor(2)   !! F for the fit, for plain sampling
       real(wp), intent(in) :: kappa
-      real(wp) :: tail_factor(2)          !! for the fit, for plain sampling
+      real(wp) :: tail_factor(2)          !! factors for the fit and for plain sampling
 
       tail_factor = sqrt([1.0_wp + sqrt(kappa)*(factor(1) - 1.0_wp), factor(2)])
    end function tail_factors

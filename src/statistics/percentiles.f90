@@ -15,17 +15,17 @@ contains
       real(wp), intent(in) :: p, half_width
       real(wp), intent(out) :: quantile
       integer, allocatable, intent(out) :: near(:)   !! points, ascending in their values
-      real(wp) :: before, below, position, reach, under
+      real(wp) :: before, below, position, margin, under
       integer, allocatable :: inner(:), places(:)
-      real(wp), allocatable :: candidates(:), candidate_weight(:)
+      real(wp), allocatable :: near_values(:), near_weight(:)
       integer :: first, k, last
 
-      reach = half_width + largest(weight)   ! includes a point on either side of p
-      call find_candidates(values, weight, 1.0_wp, p - reach, p + reach, places, under)
-      candidates = values(places)
-      candidate_weight = weight(places)
-      call find_candidates(candidates, candidate_weight, sum(candidate_weight), &
-                           p - reach - under, p + reach - under, inner, below)
+      margin = half_width + largest(weight)   ! includes a point on either side of p
+      call find_near_values(values, weight, 1.0_wp, p - margin, p + margin, places, under)
+      near_values = values(places)
+      near_weight = weight(places)
+      call find_near_values(near_values, near_weight, sum(near_weight), &
+                            p - margin - under, p + margin - under, inner, below)
       below = below + under
       places = places(inner)
       places = places(sort_order(values(places)))
@@ -49,13 +49,13 @@ contains
 
    !> Finds the values at which the cumulative weight lies between `low` and `high`, and some around
    !> them. 64 values, sorted, give thresholds, which are moved apart as far as needed.
-   pure subroutine find_candidates(values, weight, total, low, high, places, below)
+   pure subroutine find_near_values(values, weight, total, low, high, places, below)
       real(wp), intent(in), contiguous :: values(:), weight(:)
       real(wp), intent(in) :: total       !! sum of the weights
       real(wp), intent(in) :: low, high
-      integer, allocatable, intent(out) :: places(:)   !! of the values found
+      integer, allocatable, intent(out) :: places(:)   !! places of the values found
       real(wp), intent(out) :: below                   !! weight of all smaller values
-      integer, parameter :: n_some = 64, reach = 2     ! values, ranks
+      integer, parameter :: n_some = 64, margin = 2     ! values, ranks
       real(wp) :: ends(2), some(n_some), under(2)
       integer :: first, i, last
 
@@ -64,20 +64,20 @@ contains
       if (size(values) >= 2*n_some) then
          some = values([(1 + ((i - 1)*size(values))/n_some, i=1, n_some)])
          some = some(sort_order(some))
-         first = floor(low/total*n_some) - reach
-         last = ceiling(high/total*n_some) + reach
+         first = floor(low/total*n_some) - margin
+         last = ceiling(high/total*n_some) + margin
          do
             ends(1) = merge(some(max(first, 1)), -huge(ends), first >= 1)
             ends(2) = merge(some(min(last, n_some)), huge(ends), last <= n_some)
             call find_weights_below(values, weight, ends, under)
             if ((first < 1 .or. under(1) <= low) .and. (last > n_some .or. under(2) >= high)) exit
-            if (under(1) > low) first = first - reach
-            if (under(2) < high) last = last + reach
+            if (under(1) > low) first = first - margin
+            if (under(2) < high) last = last + margin
          end do
          if (first >= 1) below = under(1)
       end if
       places = places_between(values, ends(1), ends(2))
-   end subroutine find_candidates
+   end subroutine find_near_values
 
    !> Places of the values above `from` and up to `to`.
    pure function places_between(values, from, to) result(places)

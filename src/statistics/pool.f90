@@ -79,7 +79,7 @@ contains
    pure function over_all_samples(pool, number, pooled, value) result(estimates)
       type(pool_type), intent(in) :: pool
       integer, intent(in) :: number                !! number of the case
-      type(estimates_type), intent(in) :: pooled   !! from its samples in the pool
+      type(estimates_type), intent(in) :: pooled   !! estimates from its samples in the pool
       real(wp), intent(in) :: value(:)             !! (output) from all its samples
       type(estimates_type) :: estimates
       real(wp) :: share

@@ -213,7 +213,7 @@ contains
    pure subroutine check_entry(reader, n, line)
       type(reader_type), intent(inout) :: reader
       integer, intent(in) :: n
-      integer, intent(in) :: line(:, :)   !! of the entries read before
+      integer, intent(in) :: line(:, :)   !! lines of the entries read before
       real(wp) :: fraction(3), row(3)
 
       row = reader%table%value(:, n)

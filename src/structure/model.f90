@@ -212,7 +212,7 @@ contains
       integer, intent(out) :: n_zero
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable, intent(out), optional :: modes(:, :)
-      character(*), intent(in), optional :: name            !! of K in the message
+      character(*), intent(in), optional :: name            !! name of K in the message
       real(wp), allocatable :: eigenvalues(:), vectors(:, :)
       real(wp) :: energy, least, terms
       integer :: r

@@ -45,7 +45,7 @@ contains
 
    !> Marches a block at every force level and measures its cost.
    subroutine measure_cost(plan, file_force, cost, error)
-      type(plan_type), intent(in) :: plan          !! without audits
+      type(plan_type), intent(in) :: plan          !! plan without audits
       real(wp), intent(in) :: file_force(0:, :)    !! (step, 1 or sample) [N]; else of size 0
       type(cost_type), intent(out) :: cost
       type(error_type), allocatable, intent(out) :: error
@@ -68,7 +68,7 @@ contains
       cost%n_steps = steps_for(plan, [(size(levels(k)%sample), k=1, size(levels))], own)
       short%integration%n_steps = cost%n_steps
       call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
-                          error, like=shortest)
+                          error, prepared=shortest)
       if (allocated(error)) return
       associate (every => runner%layout%every)
          short%output%segment_length = min(short%output%segment_length, every*(cost%n_steps/every))
@@ -98,9 +98,9 @@ contains
 
    !> Times the march of one force level by the scene's method and by that of audits, whose blocks
    !> are narrower. Adds its share of the cost.
-   subroutine time_level(plan, like, level, share, cost, error)
+   subroutine time_level(plan, prepared, level, share, cost, error)
       type(plan_type), intent(in) :: plan     !! plan of the short march
-      type(runner_type), intent(in) :: like   !! runner whose marchers are used
+      type(runner_type), intent(in) :: prepared   !! runner whose marchers are used
       type(level_type), intent(in) :: level
       real(wp), intent(in) :: share           !! share of all samples that is at this level
       type(cost_type), intent(inout) :: cost
@@ -112,7 +112,7 @@ contains
       real(wp) :: nanoseconds
       integer :: dof, n
 
-      call time_march(plan, like, level, result, nanoseconds, error)
+      call time_march(plan, prepared, level, result, nanoseconds, error)
       if (allocated(error)) return
       cost%nanoseconds = cost%nanoseconds + share*nanoseconds
       cost%transitions = cost%transitions + share*sum(result%slip_starts + result%stick_starts) &
@@ -120,7 +120,7 @@ contains
       if (allocated(result%psd)) cost%share_powerful = max( &
          cost%share_powerful, maxval([(last_powerful(sum(result%psd(dof, :, :), 2)), &
                                        dof=1, size(result%psd, 1))])/real(size(result%psd, 2), wp))
-      if (.not. allocated(like%reference)) return
+      if (.not. allocated(prepared%reference)) return
       n = min(size(level%sample), maxval(plan%cases%n_samples, mask=plan%cases%audits > 0))
       audited = level
       audited%sample = level%sample(:n)
@@ -128,24 +128,24 @@ contains
       audit = plan
       audit%integration = reference_for(plan%integration)
       audit%output = kept_of(plan, size(plan%cases))
-      audit_runner%marcher = like%reference
+      audit_runner%marcher = prepared%reference
       call time_march(audit, audit_runner, audited, result, nanoseconds, error)
       cost%audit_nanoseconds = cost%audit_nanoseconds + share*nanoseconds
    end subroutine time_level
 
    !> Times a march twice and keeps the shorter time.
-   subroutine time_march(plan, like, level, result, nanoseconds, error)
+   subroutine time_march(plan, prepared, level, result, nanoseconds, error)
       type(plan_type), intent(in) :: plan
-      type(runner_type), intent(in) :: like
+      type(runner_type), intent(in) :: prepared
       type(level_type), intent(in) :: level
       type(block_result), intent(out) :: result
       real(wp), intent(out) :: nanoseconds   !! processor time of a sample-step
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: again
 
-      call march_level(plan, level, own_setting(plan), never, result, nanoseconds, error, like)
+      call march_level(plan, level, own_setting(plan), never, result, nanoseconds, error, prepared)
       if (.not. allocated(error)) &
-         call march_level(plan, level, own_setting(plan), never, result, again, error, like)
+         call march_level(plan, level, own_setting(plan), never, result, again, error, prepared)
       nanoseconds = min(nanoseconds, again)
    end subroutine time_march
 

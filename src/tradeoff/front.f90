@@ -251,7 +251,7 @@ contains
    !> Monte Carlo errors with `factor` times the scene's samples.
    pure function monte_carlo_error(tradeoff, errors, factor) result(error)
       type(tradeoff_type), intent(in) :: tradeoff
-      type(error_components), intent(in) :: errors   !! with time-average errors
+      type(error_components), intent(in) :: errors   !! errors with time averages
       real(wp), intent(in) :: factor
       real(wp) :: error(n_published)
       real(wp), allocatable :: now(:), ratio(:)

@@ -51,7 +51,7 @@ contains
             call find_plain_statistics(plan, result, statistics)
             found%plain_error = plain_errors(plan, statistics)
             allocate (found%gain, mold=found%plain_error)
-            found%gain = 1.0_wp   ! of plain sampling
+            found%gain = 1.0_wp   ! gain of plain sampling
             associate (case_number => tradeoff%cases(task%row), scope => tradeoff%scope)
                if (tradeoff%n_cases(case_number) > 0) &
                   call find_gains(plan, scope%models(plan%cases(case_number)%process), &

@@ -175,7 +175,7 @@ contains
 
    !> Marches the samples of a level under its force with one setting. `plan` gives the number of
    !> steps (at most those of level%force) and the results that are kept.
-   subroutine march_level(plan, level, setting, should_stop, result, nanoseconds, error, like)
+   subroutine march_level(plan, level, setting, should_stop, result, nanoseconds, error, prepared)
       type(plan_type), intent(in) :: plan
       type(level_type), intent(in) :: level
       type(setting_type), intent(in) :: setting
@@ -183,7 +183,7 @@ contains
       type(block_result), intent(out) :: result
       real(wp), intent(out) :: nanoseconds   !! processor time of a sample-step of the scene
       type(error_type), allocatable, intent(out) :: error
-      type(runner_type), intent(in), optional :: like   !! runner whose marcher is used again
+      type(runner_type), intent(in), optional :: prepared   !! runner whose marcher is used again
       type(plan_type) :: short
       type(runner_type) :: runner
       real(wp) :: after, before
@@ -195,7 +195,7 @@ contains
       short%cases = [case_type(n_samples=size(level%sample))]
       associate (n_steps => plan%integration%n_steps)
          call prepare_runner(short, resampled_force(level%force(:n_steps, :), setting), runner, &
-                             error, like)
+                             error, prepared)
          if (allocated(error)) return
          call cpu_time(before)
          call run_block(runner, 1, level%friction, 1, should_stop, result, error)
@@ -209,7 +209,7 @@ contains
    pure function resampled_force(force, setting) result(resampled)
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N]
       type(setting_type), intent(in) :: setting
-      real(wp), allocatable :: resampled(:, :)   !! from 0
+      real(wp), allocatable :: resampled(:, :)   !! (0:step, force)
       integer :: i, k, n
 
       n = ubound(force, 1)

@@ -155,11 +155,11 @@ contains
    !> ranks settings in the same way on every machine and in every run; it is not a forecast.
    elemental real(wp) function expected_cost(setting, n_dof, n_samples, transitions) &
       result(nanoseconds)
-      type(setting_type), intent(in) :: setting   !! with counted work
+      type(setting_type), intent(in) :: setting   !! setting with counted work
       integer, intent(in) :: n_dof, n_samples     !! dofs, and samples of a block
       real(wp), intent(in) :: transitions         !! transitions of a sample in a step of the scene
       real(wp), parameter :: multiplication_time = 0.05_wp
-      real(wp), parameter :: record_time = 5.0_wp   ! of a displacement in the spectra
+      real(wp), parameter :: record_time = 5.0_wp   ! time of a displacement in the spectra
       real(wp) :: steps   ! steps of the setting in a step of the scene
 
       steps = real(setting%parts, wp)/setting%stride

@@ -110,7 +110,7 @@ contains
          end do
          if (.not. plan%output%spectrum) return
          associate (ratios => ratio_replicates(result%psd, plan%output%percentiles))
-            found(:n, band_ratio) = ratios(1, :)   ! of all samples
+            found(:n, band_ratio) = ratios(1, :)   ! ratios of all samples
          end associate
       end associate
    end subroutine find_published_values

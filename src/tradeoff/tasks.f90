@@ -319,7 +319,7 @@ contains
    !> are compared; every 2nd to 16th step; shorter and longer segments at the scene's own rate.
    pure subroutine choose_spectra(tradeoff)
       type(tradeoff_type), intent(inout) :: tradeoff
-      integer, parameter :: fewest_values = 16   ! of a segment
+      integer, parameter :: fewest_values = 16   ! values of a segment
       integer :: k, length
 
       if (.not. tradeoff%long_plan%output%spectrum) return

@@ -21,11 +21,11 @@ module reference_case
       real(wp) :: friction(n_dof)
       real(wp) :: slip_fraction(n_dof)
       integer :: slip_starts(n_dof), stick_starts(n_dof)
-      real(wp) :: rms(n_dof)                     !! of the displacement [m]
+      real(wp) :: rms(n_dof)                     !! rms of the displacement [m]
       real(wp) :: displacement(n_dof), velocity(n_dof)   !! at the end
       integer :: direction(n_dof)                !! at the end
-      real(wp), allocatable :: time(:)           !! of the first transitions [s]
-      integer, allocatable :: dof(:), kind(:)    !! of the first transitions
+      real(wp), allocatable :: time(:)           !! times of the first transitions [s]
+      integer, allocatable :: dof(:), kind(:)    !! dofs and kinds of the first transitions
       real(wp), allocatable :: force(:, :)       !! (0:n_steps, 1)
       real(wp), allocatable :: snapshot(:, :)    !! displacement (dof, 1..) at stride, 2 stride, ...
    end type reference_type

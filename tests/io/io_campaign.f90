@@ -309,7 +309,7 @@ contains
    subroutine write_made_audit(file, plan, samples, store, error)
       type(hdf5_file), intent(in) :: file
       type(plan_type), intent(in) :: plan
-      type(block_result), intent(in) :: samples   !! of case 2
+      type(block_result), intent(in) :: samples   !! samples of case 2
       type(shard_store), intent(in) :: store
       type(error_type), allocatable, intent(out) :: error
       type(shard_type), allocatable :: shards(:)

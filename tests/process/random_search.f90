@@ -114,7 +114,7 @@ contains
       real(wp), intent(in) :: x(:)
       real(wp), intent(out) :: values(:)
       real(wp), optional, intent(out) :: jacobian(:, :)
-      real(wp), parameter :: negligible = 1.0e-10_wp   ! of K(m)/K(0), in a gradient
+      real(wp), parameter :: negligible = 1.0e-10_wp   ! K(m)/K(0) that counts as 0 in a gradient
       type(correlation_sums) :: sums
       type(error_type), allocatable :: error
       real(wp) :: length

@@ -50,16 +50,16 @@ MOTION = """\
 """
 
 
-def test_what_a_statistical_target_takes_is_foreseen(entroslip, tmp_path):
+def test_cost_of_a_statistical_target_is_forecast(entroslip, tmp_path):
     """Predicted number of samples against that of `run`: a factor of two, and one block of 32."""
     (tmp_path / "scene.nml").write_text(MOTION)
     said = entroslip("check", "scene.nml", "--set", "excitation%per_sample=.true.").stdout
-    foreseen = int(re.search(r"about (\d+)\s+samples and\s+20000\s+steps", said)[1])
+    forecast = int(re.search(r"about (\d+)\s+samples and\s+20000\s+steps", said)[1])
     done = entroslip("run", "scene.nml", "--set", "excitation%per_sample=.true.")
     assert done.returncode == 0, done.stderr
     with h5py.File(tmp_path / "scene.h5") as file:
         taken = int(file["campaign/c001"].attrs["n_samples"])
-    assert foreseen / 2 - 32 <= taken <= 2 * foreseen + 32
+    assert forecast / 2 - 32 <= taken <= 2 * forecast + 32
     # one record for all: its error is told, and more steps where samples alone are of no use
     one = entroslip("check", "scene.nml", "--set", "accuracy%target_statistical=0.05").stdout
     assert int(re.search(r"samples\s+and\s+(\d+)\s+steps", one)[1]) > 20000
@@ -84,7 +84,7 @@ def test_the_time_of_a_short_march_is_said(entroslip, tmp_path):
     assert "1000 steps of 1.4E-4 s, 0.14 s\n" in entroslip("check", "s.nml", *short).stdout
 
 
-def test_what_is_repeated_is_foreseen(entroslip, tmp_path):
+def test_repetitions_are_announced(entroslip, tmp_path):
     (tmp_path / "scene.nml").write_text(MOTION)
     said = entroslip("check", "scene.nml", *NO_TARGET).stdout
     assert "target_statistical" not in said

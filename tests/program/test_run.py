@@ -97,7 +97,7 @@ def test_estimates_of_more_samples_are_told_where_they_are_not_those_asked_for(
     assert "14 of 14 samples are there" in again.stdout
 
 
-def test_a_process_without_solution_is_told(entroslip, tmp_path):
+def test_a_process_without_solution_is_reported(entroslip, tmp_path):
     law = "order = 1 mean = 1 correlation_length = 1 branch = 'nonnegative'"
     (tmp_path / "two.nml").write_text(f"&process {law} std = 0.3, 0.9 /\n")
     done = entroslip("run", "two.nml")

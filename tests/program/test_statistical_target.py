@@ -87,13 +87,13 @@ def test_a_regression_meets_the_target_with_fewer_samples(entroslip, tmp_path):
         assert n * (standard_errors(case["plain"]) / 0.25) ** 2 > 10 * n
     plain = ("--set", "campaign%estimator='plain'")
     eight = ("--set", "campaign%n_samples=8")  # too few of their own for a regression
-    foreseen = [
+    forecast = [
         int(re.search(r"about (\d+) samples", " ".join(said.split())).group(1))
         for said in (entroslip("check", "paper.nml", *more).stdout for more in ((), plain, eight))
     ]
-    assert n / 2 <= foreseen[0] <= 4 * n
-    assert foreseen[1] > 10 * foreseen[0]
-    assert n / 2 <= foreseen[2] <= 4 * n
+    assert n / 2 <= forecast[0] <= 4 * n
+    assert forecast[1] > 10 * forecast[0]
+    assert n / 2 <= forecast[2] <= 4 * n
     few = entroslip("run", "paper.nml", "--output", "few.h5",
                     "--set", "accuracy%sample_until_met=.false.",
                     "--set", "excitation%per_sample=.false.")  # fmt: skip
@@ -105,7 +105,7 @@ def test_a_regression_meets_the_target_with_fewer_samples(entroslip, tmp_path):
     assert "would do (a regression needs fewer, from 20 samples on)" in fewer.stderr
 
 
-def test_what_samples_cannot_mend_is_told(entroslip, scene, tmp_path):
+def test_a_target_that_no_samples_meet_is_reported(entroslip, scene, tmp_path):
     """With one record for all samples only more steps lower the time-average error."""
     one = ("--set", "excitation%per_sample=.false.", "--set", "accuracy%target_statistical=0.1")
     done = entroslip("run", scene, "--output", "c.h5", *one)

@@ -89,7 +89,7 @@ def check_variants(variants):
     assert (variants["seconds"][()] > 0).all()
 
 
-def test_what_a_scene_has_not_is_not_told(entroslip, tmp_path):
+def test_results_that_a_scene_lacks_are_not_listed(entroslip, tmp_path):
     """With given friction, a force file and no spectra: no Monte Carlo error, no band ratio."""
     force = 8.0 * np.sin(0.04 * np.arange(4001))
     np.savetxt(tmp_path / "force.txt", force)

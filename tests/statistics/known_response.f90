@@ -9,7 +9,7 @@ module known_response
 
    integer, parameter :: n_inputs = 3
    real(wp), parameter :: slope(n_inputs) = [0.5_wp, 0.2_wp, 0.1_wp]
-   real(wp), parameter :: centre = 3.0_wp, scatter = 0.5_wp   !! of the roots
+   real(wp), parameter :: centre = 3.0_wp, scatter = 0.5_wp   !! centre and scatter of the roots
 
 contains
 

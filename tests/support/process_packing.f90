@@ -48,14 +48,14 @@ contains
 
    !> Passes a table behind its name and its extents; -1: not allocated. Stops where another
    !> component stands than this one.
-   subroutine visit_table(self, what, values)
+   subroutine visit_table(self, item, values)
       class(tape), intent(inout) :: self
-      type(component), intent(in) :: what
+      type(component), intent(in) :: item
       real(wp), allocatable, intent(inout) :: values(:, :)
       real(wp) :: head(3)
       integer :: n
 
-      head = real([modulo(label_of(what%name), 2_long**30), -1_long, -1_long], wp)
+      head = real([modulo(label_of(item%name), 2_long**30), -1_long, -1_long], wp)
       if (self%is_writing) then
          if (allocated(values)) head(2:) = shape(values)
          self%numbers = [self%numbers, head]

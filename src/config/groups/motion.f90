@@ -44,7 +44,7 @@ module config_groups_motion
       real(wp), allocatable :: frequency(:)   !! [Hz]; empty if not given
       real(wp), allocatable :: amplitude(:)   !! [N]; empty if not given
       character(:), allocatable :: psd        !! path of a file; '' if not given
-      real(wp), allocatable :: factor(:)      !! of a force from a file or spectrum
+      real(wp), allocatable :: factor(:)      !! factor of a force from a file or spectrum
    contains
       procedure :: n_levels
       procedure :: level_name

@@ -15,7 +15,7 @@ module config_groups_process
       character(:), allocatable :: values          !! path of a file of samples; '': none
       real(wp), allocatable :: lengths(:)          !! [points]
       integer, allocatable :: orders(:)
-      character(choice_length) :: pairing = 'zip'  !! of lengths and orders; or 'product'
+      character(choice_length) :: pairing = 'zip'  !! pairing of lengths and orders; or 'product'
       real(wp), allocatable :: range_l0(:), range_l1(:)   !! a bound, or lower and upper [points]
       real(wp), allocatable :: stds(:)
       integer :: n_points = 5

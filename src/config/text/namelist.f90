@@ -21,7 +21,7 @@ module config_text_namelist
 
    !> One `&group ... /`.
    type :: group_type
-      character(32) :: name = ''          !! in lower case, cut at 32 characters; ours are shorter
+      character(32) :: name = ''          !! name in lower case, cut at 32 characters
       type(token_type) :: place           !! &name
       logical :: has_unknown = .false.    !! true if an unknown name in it was complained of
    end type group_type
@@ -29,7 +29,7 @@ module config_text_namelist
    !> One `name = values` or `name(lower:upper) = values`.
    type :: assignment_type
       integer :: group = 0                !! index into document%groups
-      character(32) :: name = ''          !! in lower case, cut at 32 characters; ours are shorter
+      character(32) :: name = ''          !! name in lower case, cut at 32 characters
       type(token_type) :: place           !! the name with its index
       integer :: lower = 0, upper = 0     !! the index; 0: the whole list
       integer :: first_value = 1, last_value = 0   !! range of its values in document%tokens
@@ -41,7 +41,7 @@ module config_text_namelist
    type, abstract, extends(visitor_type) :: document_type
       type(source_type) :: source(2)      !! the scene file; the --set options, one per line
       type(token_type), allocatable :: tokens(:)
-      type(group_type), allocatable :: groups(:)             !! in the order of the file
+      type(group_type), allocatable :: groups(:)             !! groups in the order of the file
       type(assignment_type), allocatable :: assignments(:)   !! the first n_assignments are used
       integer :: n_assignments = 0
       type(complaint_list) :: complaints
@@ -192,7 +192,7 @@ contains
 
    !> Parses (i) or (i:j), integers from 1 to 9999.
    pure subroutine parse_index(text, lower, upper, is_valid)
-      character(*), intent(in) :: text   !! with its parentheses
+      character(*), intent(in) :: text   !! text with its parentheses
       integer, intent(out) :: lower, upper
       logical, intent(out) :: is_valid
       integer :: colon
@@ -388,16 +388,16 @@ contains
       end associate
    end function has_comma_inside
 
-   !> Adds a complaint at a token, `file:line: what: rule`.
-   subroutine complain(self, token, rule, what)
+   !> Adds a complaint at a token, `file:line: subject: rule`.
+   subroutine complain(self, token, rule, subject)
       class(document_type), intent(inout) :: self
       type(token_type), intent(in) :: token
       character(*), intent(in) :: rule
-      character(*), intent(in), optional :: what   !! default: text of the token
+      character(*), intent(in), optional :: subject   !! default: text of the token
       character(:), allocatable :: text
 
       text = self%text_of(token)
-      if (present(what)) text = what
+      if (present(subject)) text = subject
       if (len(text) > 2*shown) text = text(:shown)//'...'//text(len(text) - shown + 4:)
       associate (source => self%source(token%source))
          call self%complaints%add(source, token%line, &
@@ -424,11 +424,11 @@ contains
       integer, intent(in) :: group
       type(token_type), intent(in) :: token
       character(*), intent(in) :: name, value, rule
-      character(:), allocatable :: what
+      character(:), allocatable :: subject
 
-      what = trim(self%groups(group)%name)//'%'//name
-      if (len_trim(value) > 0) what = what//' = '//value
-      call self%complain(token, rule, what)
+      subject = trim(self%groups(group)%name)//'%'//name
+      if (len_trim(value) > 0) subject = subject//' = '//value
+      call self%complain(token, rule, subject)
    end subroutine refuse
 
    !> Complains of the i-th assignment, with all its values, if it breaks a rule.

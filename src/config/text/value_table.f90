@@ -152,13 +152,13 @@ contains
       integer, allocatable, intent(inout) :: values(:)
       type(entry_type), intent(in) :: entry
       integer, intent(in) :: default(:)
-      type(entry_type) :: whole
+      type(entry_type) :: integers
       real(wp), allocatable :: numbers(:)
 
-      whole = entry
-      whole%kind = 'integer'
+      integers = entry
+      integers%kind = 'integer'
       if (allocated(values)) numbers = real(values, wp)
-      call self%visit_reals(numbers, whole, real(default, wp))
+      call self%visit_reals(numbers, integers, real(default, wp))
       values = nint(numbers)
    end subroutine visit_integers
 

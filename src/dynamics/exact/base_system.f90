@@ -91,7 +91,7 @@ contains
       real(wp), intent(in) :: place      !! w.x [m]
       real(wp), intent(in) :: velocity   !! w.v in any unit: its sign is the direction of a new slip
       type(block_state), intent(inout) :: state
-      integer :: direction, side   ! of the slip that starts or ends; of that which ends, or 0
+      integer :: direction, side   ! direction of the new slip or 0; of the slip that ends or starts
 
       side = nint(base%paths%regime(lane, joint, regime_side))
       direction = merge(side, slip_direction(velocity), side /= 0)

@@ -25,12 +25,12 @@ module dynamics_exact_ledger
 
    !> Data from which the work of a part is computed [J].
    type :: ledger_type
-      real(wp), allocatable :: node(:), weight(:)   !! of Gauss-Legendre quadrature on (0, 1)
+      real(wp), allocatable :: node(:), weight(:)   !! Gauss-Legendre quadrature on (0, 1)
       real(wp), allocatable :: mass(:)              !! (dof) m/h^2 [kg/s^2]
       real(wp), allocatable :: decay(:)             !! (dof) diagonal of D = M C^/h^2
       type(sparse_matrix) :: damping                !! twice D below its diagonal
       integer :: n_responses = 0
-      type(response_type), allocatable :: response(:)   !! to the local transitions of the part
+      type(response_type), allocatable :: response(:)   !! responses to local transitions of a part
       real(wp), allocatable :: area(:, :)           !! (lane, loaded dof) integral of all responses
    contains
       procedure :: keep_response

@@ -4,7 +4,7 @@ module dynamics_exact_local_responses
    use core_kinds, only: wp
    use dynamics_exact_joint_paths, only: local_responses
    use dynamics_exact_series, only: form_matrices, series_type, without_diagonal
-   use dynamics_exact_transitions, only: integral, n_sums
+   use dynamics_exact_transitions, only: integral, n_response_sums
    use numerics_lapack, only: multiply
    use numerics_sparse, only: sparse_matrix, sparse_of
    use structure_model, only: structure_type
@@ -44,8 +44,8 @@ contains
       type(local_responses), intent(inout) :: responses
       real(wp), parameter :: share = 1.0e-4_wp   !! share of the tolerance for one entry
       !> d_3 = kappa/6 adds kappa |N_s,ji|/divisor(s) to a velocity at the end of a part
-      real(wp), parameter :: divisor(n_sums) = [24.0_wp, 120.0_wp, 720.0_wp, 5040.0_wp]/4.0_wp
-      real(wp) :: column(size(damping, 1), n_sums)
+      real(wp), parameter :: divisor(*) = [24.0_wp, 120.0_wp, 720.0_wp, 5040.0_wp]/4.0_wp
+      real(wp) :: column(size(damping, 1), n_response_sums)
       real(wp), allocatable, dimension(:, :) :: off_damping, squared   ! C~, C^ C~
       type(sparse_matrix) :: springs                                   ! K^
       logical :: matters(size(damping, 1))
@@ -55,8 +55,8 @@ contains
       allocate (squared, mold=damping)
       call multiply(damping, off_damping, squared)
       springs = sparse_of(stiffness)
-      allocate (responses%dof(0), responses%value(n_sums, 0))
-      allocate (responses%own(n_sums, series%n_rows), source=0.0_wp)
+      allocate (responses%dof(0), responses%value(n_response_sums, 0))
+      allocate (responses%own(n_response_sums, series%n_rows), source=0.0_wp)
       responses%first = [1]
       do j = 1, size(damping, 1)
          column(:, 1) = -damping(:, j)
@@ -76,8 +76,8 @@ contains
                    *maxval(abs(column)/spread(divisor, 1, size(column, 1)), 2) > share*tolerance
          responses%dof = [responses%dof, pack([(i, i=1, size(matters))], matters)]
          responses%value = reshape([responses%value, &
-                                    pack(transpose(column), spread(matters, 1, n_sums))], &
-                                   [n_sums, size(responses%dof)])
+                                    pack(transpose(column), spread(matters, 1, n_response_sums))], &
+                                   [n_response_sums, size(responses%dof)])
          responses%first = [responses%first, size(responses%dof) + 1]
       end do
    end subroutine find_near
@@ -140,7 +140,7 @@ contains
          end do
          if (k <= 4) local(dof, k) = spring/(k*(k - 1))
          local(dof, k) = local(dof, k) - stiffness(dof, dof)*local(dof, k - 2)/(k*(k - 1))
-         do s = 1, min(n_sums, degree - 4, k - 3)
+         do s = 1, min(n_response_sums, degree - 4, k - 3)
             driven = local(dof, k - s)*integral(k - s, s)
             local(dof, k) = local(dof, k) + responses%own(s, dof)*driven
             do e = responses%first(dof), responses%first(dof + 1) - 1

@@ -12,10 +12,11 @@ module dynamics_exact_modal_form
    use dynamics_exact_free_steps, only: find_candidates
    use dynamics_exact_guard_zeros, only: no_zero
    use dynamics_exact_joint_paths, only: regime_side, regime_spring, width
-   use dynamics_exact_modal_lane, only: find_responses, lane_paths
+   use dynamics_exact_modal_lane, only: find_end_responses, lane_paths
    use dynamics_exact_modal_operators, only: kernel_fit, modal_operators, new_modal_operators, strip
    use dynamics_exact_modal_sliders, only: moving_sliders
-   use dynamics_exact_modal_steps, only: add_slider_motion, advance_blocks, find_paths, multiply
+   use dynamics_exact_modal_steps, only: add_slider_motion, advance_blocks, find_paths, &
+                                         multiply_strips
    use dynamics_exact_modal_terms, only: groups, lanes, path_degree
    use dynamics_exact_transitions, only: last_integral, transition_group
    use dynamics_alignment, only: aligned_memory
@@ -222,9 +223,9 @@ contains
             joints(n) = j
          end associate
       end do
-      call find_responses(self%operators%markov, joints(:n), group%path(entry, 1:path_degree), &
-                          .not. abs(group%side(entry)) > 0.0_wp, 1.0_wp - group%time(entry), &
-                          moments, ends)
+      call find_end_responses(self%operators%markov, joints(:n), group%path(entry, 1:path_degree), &
+                              .not. abs(group%side(entry)) > 0.0_wp, 1.0_wp - group%time(entry), &
+                              moments, ends)
       call self%sliders%switch(g, joints(1))
       associate (integrals => self%sliders%moments(e, :, :, g), &
                  place => self%paths%x(lane, :, self%paths%finish(0)), &
@@ -328,11 +329,11 @@ contains
    contains
 
       !> Finds displacements (1) or velocities (2) of all dofs from a plane of the modes.
-      subroutine read_shape(which, plane)
-         integer, intent(in) :: which, plane
+      subroutine read_shape(quantity, plane)
+         integer, intent(in) :: quantity, plane
 
-         call multiply(size(x, 2)/strip, self%operators%n_rows, &
-                       self%operators%shape(:, :, :, which), self%modes(:, :, plane, g), x)
+         call multiply_strips(size(x, 2)/strip, self%operators%n_rows, &
+                       self%operators%shape(:, :, :, quantity), self%modes(:, :, plane, g), x)
       end subroutine read_shape
 
    end subroutine copy_state

@@ -4,7 +4,8 @@
 !> subtracted if it ends. That change is followed by the paths of all joints (M5) and the sliders of
 !> those that slip, and its integrals are added to the modes (M6). Several transitions are made one
 !> after another in the paths of all joints (lane_paths). If a sample has one plain transition, all
-!> that it changes at the end follows from integrals of the slider's motion (find_responses, M10).
+!> that it changes at the end follows from integrals of the slider's motion (M10:
+!> find_end_responses).
 module dynamics_exact_modal_lane
    use core_kinds, only: wp
    use dynamics_alignment, only: lanes => register_width, whole_registers
@@ -16,7 +17,7 @@ module dynamics_exact_modal_lane
    use dynamics_joint, only: slip_direction, slider_at
    implicit none(type, external)
    private
-   public :: find_responses, lane_paths
+   public :: find_end_responses, lane_paths
 
    !> integral(k, s) with s as its first index
    real(wp), parameter :: integral_of(0:last_integral, path_degree) = &
@@ -25,7 +26,7 @@ module dynamics_exact_modal_lane
    !> Joints of one sample, padded to whole registers. Powers are in the time since the last
    !> transition [parts].
    type :: lane_paths
-      real(wp) :: time_left = 1.0_wp             !! from the last transition to the end [parts]
+      real(wp) :: time_left = 1.0_wp             !! time from the last transition to the end [parts]
       real(wp), allocatable :: path(:, :)        !! (joint, power from 0)
       real(wp), allocatable :: side(:)           !! (joint) direction of slip, 0 stuck
       real(wp), allocatable :: slider(:)         !! (joint) z of a stuck joint [m]
@@ -172,12 +173,12 @@ contains
 
    !> Finds what a transition of the first joint adds at the end of the part (M10). The sliders of
    !> the other listed joints follow their joints.
-   pure subroutine find_responses(markov, joints, path, starts, time_left, moments, ends)
+   pure subroutine find_end_responses(markov, joints, path, starts, time_left, moments, ends)
       real(wp), intent(in), contiguous :: markov(:, :, 0:)   !! see modal_operators
       integer, intent(in) :: joints(:)
-      real(wp), intent(in) :: path(path_degree)   !! of the first joint, from the transition on
+      real(wp), intent(in) :: path(path_degree)   !! path of the first joint from the transition on
       logical, intent(in) :: starts               !! True if its slip starts, False if it ends
-      real(wp), intent(in) :: time_left           !! from the transition to the end [parts]
+      real(wp), intent(in) :: time_left           !! time from the transition to the end [parts]
       real(wp), intent(out) :: moments(0:last_integral, size(joints))   !! added to I_s (s, joint)
       real(wp), intent(out) :: ends(size(markov, 1), 0:1)   !! added to paths and velocities
       real(wp) :: part(0:last_integral + n_markov + 1, size(joints), 0:2)   ! moments, by order
@@ -231,6 +232,6 @@ contains
          ends(first + 1:first + lanes, 0) = place
          ends(first + 1:first + lanes, 1) = velocity
       end do
-   end subroutine find_responses
+   end subroutine find_end_responses
 
 end module dynamics_exact_modal_lane

@@ -22,7 +22,7 @@ module dynamics_exact_modal_ledger
       integer, private :: ports = 1
       real(wp), private :: scale = 0.0_wp                !! 1/h^2 [1/s^2]
       real(wp), allocatable, private :: load(:, :)       !! h^2 Phi' b (row, force)
-      real(wp), allocatable, private :: outputs(:, :)    !! of X, where a force acts (row, force)
+      real(wp), allocatable, private :: outputs(:, :)   !! rows of X where a force acts (row, force)
       !> (item, force, block) factors of the integral of X - X(0)
       real(wp), allocatable, private :: area(:, :, :)
       !> (1:2, pair) pairs of blocks: each with itself and then with those that N couples it with;
@@ -169,7 +169,7 @@ contains
    pure subroutine add_part(self, g, rows, modes, slider_moments, rates, work)
       class(modal_ledger), intent(in) :: self
       integer, intent(in) :: g, rows
-      real(wp), intent(in) :: modes(lanes, rows, *)     !! at the end
+      real(wp), intent(in) :: modes(lanes, rows, *)     !! modes at the end
       real(wp), intent(in) :: slider_moments(lanes, rows, 0:*)   !! S I
       real(wp), intent(in) :: rates(lanes, 2, *)        !! p' at the start
       real(wp), intent(inout) :: work(lanes, 2)      !! input, viscous

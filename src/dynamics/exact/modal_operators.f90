@@ -12,7 +12,7 @@ module dynamics_exact_modal_operators
    use dynamics_alignment, only: whole_registers
    use dynamics_exact_modal_blocks, only: modal_blocks, new_modal_blocks
    use dynamics_exact_modal_ledger, only: modal_ledger
-   use dynamics_exact_modal_terms, only: choose_terms, count_parts, factorial, &
+   use dynamics_exact_modal_terms, only: choose_terms, parts_of_step, factorial, &
                                          find_joint_properties, joint_properties, modal_terms, &
                                          n_markov, path_degree
    use numerics_exponential, only: exponential_type, find_exponential
@@ -57,7 +57,7 @@ contains
    !> Multiplications of one sample in one part without transitions (11).
    pure real(wp) function work(self)
       class(modal_operators), intent(in) :: self
-      real(wp), parameter :: per_guard = 30.0_wp, moving_share = 0.25_wp   ! of the sliders
+      real(wp), parameter :: per_guard = 30.0_wp, moving_share = 0.25_wp   ! moving sliders
       integer :: k
 
       work = (self%n_moments + 1.0_wp)*size(self%push) + size(self%weight)
@@ -103,7 +103,7 @@ contains
       operators%n_joints = structure%n_joints
       operators%n_forces = structure%n_forces
       call find_joint_properties(structure, joints)
-      operators%n_parts = count_parts(structure, joints, dt, tolerance)
+      operators%n_parts = parts_of_step(structure, joints, dt, tolerance)
       operators%h = dt/operators%n_parts
       operators%rate = operators%h*(two_pi*structure%frequencies_stuck)
       if (size(structure%damping_ratio) > 0) then

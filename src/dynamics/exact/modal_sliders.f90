@@ -149,7 +149,7 @@ contains
       real(wp) :: before, share, total(lanes, strip)
       integer :: d, e, i, l, q, r
 
-      before = merge(factorial(k), 0.0_wp, k < path_degree)   ! of the free path
+      before = merge(factorial(k), 0.0_wp, k < path_degree)   ! factor of the free path
       share = 1.0_wp/factorial(k)
       do q = 1, n_strips
          total = before*x(:, 1, :, q)

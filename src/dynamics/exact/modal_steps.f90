@@ -6,7 +6,7 @@ module dynamics_exact_modal_steps
    use dynamics_exact_modal_terms, only: groups, lanes
    implicit none(type, external)
    private
-   public :: multiply, add_slider_motion, find_paths, advance_blocks
+   public :: multiply_strips, add_slider_motion, find_paths, advance_blocks
 
 contains
 
@@ -85,7 +85,7 @@ contains
    end subroutine advance_ports
 
    !> Finds y = A x, A by strips of rows.
-   pure subroutine multiply(n_strips, columns, a, x, y)
+   pure subroutine multiply_strips(n_strips, columns, a, x, y)
       integer, intent(in) :: n_strips, columns
       real(wp), intent(in) :: a(strip, columns, n_strips), x(lanes, columns)
       real(wp), intent(inout) :: y(lanes, strip, n_strips)
@@ -103,7 +103,7 @@ contains
          end do
          y(:, :, q) = total
       end do
-   end subroutine multiply
+   end subroutine multiply_strips
 
    !> Finds powers 2 .. 5 of the joints' free paths (M4): the cubic through values and slopes at 0
    !> and 1, and what the midpoint adds, 16 e t^2 (1 - t)^2 by its value and 16 s t^2 (1 - t)^2

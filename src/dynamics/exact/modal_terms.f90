@@ -8,7 +8,7 @@ module dynamics_exact_modal_terms
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: choose_terms, count_parts, find_joint_properties, joint_properties, longest_in_parts
+   public :: choose_terms, parts_of_step, find_joint_properties, joint_properties, longest_in_parts
    public :: factorial, groups, lanes, modal_terms, n_markov, path_degree
 
    integer, parameter :: groups = width/lanes   !! groups of eight lanes
@@ -47,7 +47,7 @@ contains
 
    !> Number of parts of a step, a power of two up to 2^30, that keeps the error of the paths within
    !> the tolerance (M7).
-   pure integer function count_parts(structure, joints, dt, tolerance) result(n_parts)
+   pure integer function parts_of_step(structure, joints, dt, tolerance) result(n_parts)
       type(structure_type), intent(in) :: structure
       type(joint_properties), intent(in) :: joints
       real(wp), intent(in) :: dt, tolerance
@@ -57,7 +57,7 @@ contains
          if (path_error(structure, joints, dt, n_parts) <= tolerance) return
          n_parts = 2*n_parts
       end do
-   end function count_parts
+   end function parts_of_step
 
    !> Longest step up to dt that n_parts parts march within the tolerance [s] (M7).
    pure real(wp) function longest_in_parts(structure, n_parts, dt, tolerance) result(longest)

@@ -59,7 +59,7 @@ contains
       integer, intent(in) :: parts        !! parts of a step
       real(wp), intent(in) :: tolerance   !! relative to the rms displacement
       type(series_type), intent(out) :: series
-      real(wp) :: error          ! of one part: e of (1)
+      real(wp) :: error          ! error e of one part (1)
       real(wp) :: motion, load   ! x_(k+1) over x_1 in free motion; over x_2 of a load from rest
       real(wp), allocatable :: damping(:, :), stiffness(:, :)   ! C^, K^ without joints
       real(wp), allocatable :: share(:, :)   ! |C^_ij| times motion of dof j over that of dof i

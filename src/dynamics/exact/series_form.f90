@@ -15,7 +15,7 @@ module dynamics_exact_series_form
    use dynamics_exact_local_responses, only: find_responses
    use dynamics_exact_ledger, only: ledger_type, new_ledger
    use dynamics_exact_series, only: new_series, series_type
-   use dynamics_exact_transitions, only: n_sums, transition_group
+   use dynamics_exact_transitions, only: n_response_sums, transition_group
    use dynamics_response, only: block_state, march_work
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -140,7 +140,7 @@ contains
       type(transition_group), intent(in) :: group
       !> (lane, row) at the end of the part
       real(wp), intent(inout), dimension(width, n_padded) :: place, velocity
-      real(wp) :: ends(2 + 2*n_sums)
+      real(wp) :: ends(2 + 2*n_response_sums)
       integer :: e, i, l, row
 
       l = group%lane(entry)

@@ -15,10 +15,10 @@ module dynamics_exact_transitions
    implicit none(type, external)
    private
    public :: transition_group, examine, find_next, apply_response, load_candidates
-   public :: group_size, n_sums, clear, plain, irregular, integral, last_integral
+   public :: group_size, n_response_sums, clear, plain, irregular, integral, last_integral
 
    integer, parameter :: group_size = 8
-   integer, parameter :: n_sums = 4          !! sums A_1 .. A_4 by which other dofs respond (7)
+   integer, parameter :: n_response_sums = 4   !! sums A_1 .. A_4 by which other dofs respond (7)
    integer, parameter :: last_integral = 7   !! s of the last I_s (M10): eight fill a register
    integer, private :: k_, s_   ! indices of the constructor
    !> k!/(k + s)!: the s-fold integral of t^k is k!/(k + s)! t^(k + s)
@@ -38,11 +38,11 @@ module dynamics_exact_transitions
       real(wp), dimension(group_size) :: place      !! w.x at the transition [m]
       !> Changes of the joint's path and velocity at the end (6), then A_1 and its rate, .., A_4
       !> and its rate (7)
-      real(wp) :: ends(group_size, 2 + 2*n_sums)
+      real(wp) :: ends(group_size, 2 + 2*n_response_sums)
       ! regime of the joint, stiffness and N_1 .. N_4 of its row, before the transition
       real(wp), dimension(group_size), private :: slider = 0.0_wp, reach = 0.0_wp
       real(wp), dimension(group_size), private :: spring = 0.0_wp, stiffness = 0.0_wp
-      real(wp), private :: own(group_size, n_sums) = 0.0_wp
+      real(wp), private :: own(group_size, n_response_sums) = 0.0_wp
       real(wp), dimension(group_size) :: clear_margin   !! positive: lower bound of the guard
       real(wp), dimension(group_size) :: plain_margin   !! positive: the guard has one plain zero
       !> Powers of the path, in time from tau on after shift_path
@@ -307,7 +307,7 @@ contains
             do e = 1, group_size
                d(e, k) = jump(e)*c(e, k - 2)*(1.0_wp/(k*(k - 1)))
             end do
-            do s = 1, min(n_sums, degree - 4, k - 3)   ! others are below the error of the degree
+            do s = 1, min(n_response_sums, degree - 4, k - 3)   ! others are below its error
                !$omp simd
                do e = 1, group_size
                   d(e, k) = d(e, k) + group%own(e, s)*d(e, k - s)*integral(k - s, s)
@@ -324,7 +324,7 @@ contains
          end do
          group%ends(:, 3:) = 0.0_wp
          first = r**2
-         do s = 1, min(n_sums, degree - 4)
+         do s = 1, min(n_response_sums, degree - 4)
             !$omp simd
             do e = 1, group_size
                first(e) = first(e)*r(e)

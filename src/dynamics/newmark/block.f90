@@ -43,7 +43,7 @@ module dynamics_newmark_block
       real(wp), allocatable :: work(:, :)         !! (input viscous, sample) [J]
       ! buffers
       type(newmark_trial), allocatable :: trials(:)
-      real(wp), allocatable :: change(:, :)         !! of the forces in a step (trial, force) [N]
+      real(wp), allocatable :: change(:, :)         !! (trial, force) change in a step [N]
       integer, allocatable :: list(:)               !! joints
       real(wp), allocatable :: factor(:, :)         !! (joint + 1, joint)
       real(wp), allocatable :: margin(:, :)         !! guards at both ends of a step (row, 0:1)

@@ -176,10 +176,10 @@ contains
       integer(long), intent(in) :: last
       integer(long), dimension(block%n_samples), intent(in) :: has_crossed, next_tick
       integer(long), dimension(block%n_samples), intent(out) :: is_active, is_due, is_switching
-      integer(long) :: whole   ! ticks of a step of dt
+      integer(long) :: full_step   ! ticks of a step of dt
       integer :: w
 
-      whole = shiftl(1_long, block%max_halvings)
+      full_step = shiftl(1_long, block%max_halvings)
       associate (tick => block%tick, ticks => block%step_ticks, slot => block%slot, &
                  crossing => block%crossing_tick)
          !$omp simd
@@ -197,7 +197,7 @@ contains
                free = ior(free, shiftr(free, 4))
                free = ior(free, shiftr(free, 8))
                free = ior(free, shiftr(free, 16))
-               longest = iand(ior(now, whole), -ior(now, whole))   ! a power of two that divides now
+               longest = iand(ior(now, full_step), -ior(now, full_step))   ! power of 2, divides now
                next = merge(longest, ticks(w), stands == 1)
                next = merge(min(next, free - shiftr(free, 1)), next, now < crossing(w))
                ticks(w) = max(next, 1_long)

@@ -22,7 +22,7 @@ module io_hdf5_datasets
    !> Group whose datasets have their names in it. It keeps the first error, see hdf5_object.
    type, extends(hdf5_object) :: hdf5_group
    contains
-      procedure :: at
+      procedure :: path_of
       procedure :: has
       procedure :: make
       procedure :: read_shape
@@ -37,21 +37,21 @@ module io_hdf5_datasets
 contains
 
    !> Path of a member of the group.
-   pure function at(self, name) result(path)
+   pure function path_of(self, name) result(path)
       class(hdf5_group), intent(in) :: self
       character(*), intent(in) :: name
       character(:), allocatable :: path
 
       path = self%path//'/'//name
       if (self%path == '/') path = '/'//name
-   end function at
+   end function path_of
 
    !> True if there is a member of this name.
    logical function has(self, name)
       class(hdf5_group), intent(in) :: self
       character(*), intent(in) :: name
 
-      has = self%file%has(self%at(name))
+      has = self%file%has(self%path_of(name))
    end function has
 
    !> Keeps an error if HDF5 failed to work on a dataset.
@@ -59,7 +59,7 @@ contains
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name, failure
 
-      call conclude(self%file%path//': '//self%at(name)//failure, self%error)
+      call conclude(self%file%path//': '//self%path_of(name)//failure, self%error)
    end subroutine keep_failure
 
    !> Creates a dataset without values: a scalar in the header of its object, an array in chunks,
@@ -99,7 +99,7 @@ contains
          if (kind == 'integer') number = H5T_NATIVE_INTEGER
          if (kind == 'long') number = h5kind_to_type(long, H5_INTEGER_KIND)
       end if
-      call h5dcreate_f(self%file%id, self%at(name), number, space, dataset, status, &
+      call h5dcreate_f(self%file%id, self%path_of(name), number, space, dataset, status, &
                        dcpl_id=properties)
       call h5dclose_f(dataset, status)
       call h5sclose_f(space, status)
@@ -107,7 +107,7 @@ contains
       call self%keep_failure(name, ': cannot be made')
       if (allocated(self%error)) return
       object%file = self%file
-      object%path = self%at(name)
+      object%path = self%path_of(name)
       call object%attribute('units', units)
       call object%attribute('long_name', long_name)
       call object%take_error(self%error)
@@ -123,13 +123,13 @@ contains
       integer(hid_t) :: dataset, scale
       integer :: n, status
 
-      call h5dopen_f(self%file%id, self%at(name), dataset, status)
+      call h5dopen_f(self%file%id, self%path_of(name), dataset, status)
       if (axes == name) then
          call h5dsset_scale_f(dataset, status, axes)
       else
          words = words_of(axes)
          do n = 1, size(words)
-            path = self%at(trim(words(n)))
+            path = self%path_of(trim(words(n)))
             if (.not. self%has(trim(words(n)))) &
                path = self%path(:index(self%path, '/', back=.true.))//trim(words(n))
             call h5dopen_f(self%file%id, path, scale, status)
@@ -153,7 +153,7 @@ contains
       integer :: n, status
 
       n = 0
-      call h5dopen_f(self%file%id, self%at(name), dataset, status)
+      call h5dopen_f(self%file%id, self%path_of(name), dataset, status)
       call h5dget_space_f(dataset, space, status)
       call h5sget_simple_extent_ndims_f(space, n, status)
       allocate (most(max(n, 0)), now(max(n, 0)), source=0_hsize_t)
@@ -163,9 +163,9 @@ contains
       call h5dclose_f(dataset, status)
       call self%keep_failure(name, ': cannot be read')
       if (allocated(self%error) .or. .not. present(n_axes)) return
-      if (n /= n_axes) call raise(self%error, exit_file, self%file%path//': '//self%at(name)// &
-                                  ': cannot be read: '//to_text(n)//' axes where '// &
-                                  to_text(n_axes)//' are expected')
+      if (n /= n_axes) call raise(self%error, exit_file, self%file%path//': '// &
+                                  self%path_of(name)//': cannot be read: '//to_text(n)// &
+                                  ' axes where '//to_text(n_axes)//' are expected')
    end subroutine read_shape
 
    !> Allocates an array for a dataset, or for n_rows rows of its last axis, unless it is allocated.
@@ -193,8 +193,9 @@ contains
       rank default
          error stop 'allocate_for: more axes than datasets have'
       end select
-      if (status /= 0) call raise(self%error, exit_file, self%file%path//': '//self%at(name)// &
-                                  ' does not fit into memory: '//to_text(product(n))//' values')
+      if (status /= 0) call raise(self%error, exit_file, self%file%path//': '// &
+                                  self%path_of(name)//' does not fit into memory: '// &
+                                       to_text(product(n))//' values')
    end subroutine allocate_for
 
    !> Reads all of a dataset, a piece at a time, so that HDF5 verifies its checksums.
@@ -231,13 +232,13 @@ contains
       character(*), intent(in) :: name, units, long_name, axes   !! see `make`
       real(wp), intent(in), target, contiguous :: values(..)
       character(*), intent(in), optional :: kind
-      integer, intent(in), optional :: extents(:)   !! of the dataset; absent: the shape of `values`
-      integer(hsize_t), allocatable :: whole(:)
+      integer, intent(in), optional :: extents(:)   !! dataset; default: as `values`
+      integer(hsize_t), allocatable :: shape_in_file(:)
 
-      whole = extents_of(values)
-      if (present(extents)) whole = extents
-      call self%make(name, whole, units, long_name, axes, kind)
-      call self%move(name, spread(1, 1, size(whole)), whole, c_loc(values), .true.)
+      shape_in_file = extents_of(values)
+      if (present(extents)) shape_in_file = extents
+      call self%make(name, shape_in_file, units, long_name, axes, kind)
+      call self%move(name, spread(1, 1, size(shape_in_file)), shape_in_file, c_loc(values), .true.)
    end subroutine write_dataset
 
    !> Reads the part of a dataset that begins at `first` and has the shape of `values`.
@@ -293,12 +294,12 @@ contains
       integer(hsize_t), intent(in) :: extents(:)
       type(c_ptr), value :: values
       logical, intent(in) :: is_written               !! else read
-      character(*), intent(in), optional :: failure   !! of the error; absent: 'cannot be read'
+      character(*), intent(in), optional :: failure   !! text of the error; absent: 'cannot be read'
       integer(hid_t) :: dataset, part, memory
       integer :: status
 
       if (allocated(self%error) .or. any(extents <= 0)) return
-      call h5dopen_f(self%file%id, self%at(name), dataset, status)
+      call h5dopen_f(self%file%id, self%path_of(name), dataset, status)
       call h5dget_space_f(dataset, part, status)
       if (size(extents) == 0) then
          call h5screate_f(H5S_SCALAR_F, memory, status)

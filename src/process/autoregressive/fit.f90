@@ -19,7 +19,7 @@ module process_autoregressive_fit
    use numerics_roots, only: root_search
    use process_autoregressive_description, only: describe_ar
    use process_autoregressive_model, only: coefficients_of, innovation_std
-   use process_autoregressive_search, only: both_lengths_maximum, find_maximum
+   use process_autoregressive_search, only: both_lengths_maximum, find_feasible_maximum
    use process_autoregressive_sums, only: correlation_sums, positive_gradient, sum_correlation
    use process_entropy, only: gaussian_entropy
    use process_model, only: lengths_of, process_model_type, process_request
@@ -59,7 +59,7 @@ contains
       length_error = length_error_of(request, sums)
       if (request%correlation == 'both' .and. .not. (sums%is_nonnegative .and. &
                                                      length_error <= length_tolerance)) then
-         call find_maximum([request%correlation_length, request%second_length], &
+         call find_feasible_maximum([request%correlation_length, request%second_length], &
                            equal_reflection(request%correlation_length, request%order), best)
          associate (lower => nonnegative_reflection(request))
             if (size(lower) > 0) &   ! a process of lower order is one of this order too
@@ -272,7 +272,7 @@ contains
    !> largest component of the whole gradient.
    function optimality_residual(correlation, kappa) result(residual)
       character(*), intent(in) :: correlation
-      real(wp), intent(in) :: kappa(:)   !! with K(m) >= 0
+      real(wp), intent(in) :: kappa(:)   !! coefficients with K(m) >= 0
       real(wp) :: residual
       real(wp) :: slopes(2, size(kappa))
       integer :: first, last   ! numbers of the imposed lengths

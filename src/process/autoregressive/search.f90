@@ -18,7 +18,7 @@ module process_autoregressive_search
    use process_entropy, only: gaussian_entropy
    implicit none(type, external)
    private
-   public :: both_lengths_maximum, find_maximum
+   public :: both_lengths_maximum, find_feasible_maximum
 
    !> Result of the search.
    type :: both_lengths_maximum
@@ -45,13 +45,13 @@ contains
 
    !> Finds the maximum. It is not feasible if the search does not reach the lengths, or if they are
    !> too large to be summed lag by lag.
-   subroutine find_maximum(lengths, start, best)
+   subroutine find_feasible_maximum(lengths, start, best)
       real(wp), intent(in) :: lengths(2)   !! L0 and L1 [lags], positive
       real(wp), intent(in) :: start(:)     !! first kappa
       type(both_lengths_maximum), intent(out) :: best
       real(wp), parameter :: largest_x = 8.0_wp            ! kappa = 1 - 2e-7
       real(wp), parameter :: small_residual = 1.0e-5_wp    ! ends the passes
-      real(wp), parameter :: widest = 3.0e-2_wp, narrowest = 1.0e-5_wp, narrowing = 0.3_wp   ! of e
+      real(wp), parameter :: widest = 3.0e-2_wp, narrowest = 1.0e-5_wp, narrowing = 0.3_wp   ! e
       real(wp), parameter :: longest = 1.0e3_wp            ! length [lags]
       integer, parameter :: max_evaluations = 400, max_passes = 12
       type(smoothed_problem) :: problem
@@ -91,7 +91,7 @@ contains
       call correct_lengths(problem, lengths, best_x, best%is_feasible)
       best%kappa = tanh(best_x)
       best%entropy = gaussian_entropy(innovation_std(best%kappa, 1.0_wp))
-   end subroutine find_maximum
+   end subroutine find_feasible_maximum
 
    !> Changes x by the shortest steps until the exact lengths are reached.
    subroutine correct_lengths(problem, lengths, x, is_met)

@@ -20,7 +20,7 @@ contains
    pure subroutine equivalent_process(symbol, a, b0, is_positive)
       real(wp), intent(in) :: symbol(0:)               !! g_m, m = 0..order
       real(wp), allocatable, intent(inout) :: a(:)     !! a_q, q = 1..order; a start if allocated
-      real(wp), intent(inout) :: b0                    !! on entry of the start
+      real(wp), intent(inout) :: b0                    !! on entry b0 of the start
       logical, intent(out) :: is_positive
       integer, parameter :: max_iterations = 80   ! one per halving of the nearest zero's distance
       real(wp), dimension(0:ubound(symbol, 1)) :: defect, factor

@@ -130,7 +130,7 @@ contains
    !> Cauchy's estimate of all others on a circle between it and them. Huge if there is none.
    pure function first_lag_of_one_sign(kappa, poles) result(lag)
       real(wp), intent(in) :: kappa(:)
-      complex(wp), intent(in) :: poles(:)   !! by descending modulus
+      complex(wp), intent(in) :: poles(:)   !! poles by descending modulus
       real(wp) :: lag
       real(wp) :: inner, largest, log_residue, radius
       integer :: i

@@ -132,7 +132,7 @@ contains
 
    !> Stores a list of solutions in the model.
    pure subroutine list_solutions(solutions, model)
-      type(sequence_solution), intent(in) :: solutions(:)   !! by descending entropy
+      type(sequence_solution), intent(in) :: solutions(:)   !! solutions by descending entropy
       type(process_model_type), intent(inout) :: model
       integer :: i
 
@@ -218,7 +218,7 @@ contains
       type(process_request), intent(in) :: request
       type(sequence_solution), intent(in) :: solution
       real(wp) :: largest
-      real(wp), parameter :: zero = 1.0e-9_wp   ! of K(m)/K(0)
+      real(wp), parameter :: zero = 1.0e-9_wp   ! K(m)/K(0) that counts as 0
       real(wp), dimension(size(solution%s)) :: kappa, signs
       real(wp), dimension(0:size(signs)) :: rho, symbol, wanted, weights
 

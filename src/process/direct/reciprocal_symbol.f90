@@ -30,7 +30,7 @@ contains
    pure subroutine evaluate_symbol(symbol, directions, evaluation)
       real(wp), intent(in) :: symbol(0:)           !! g_m, m = 0..m_max
       real(wp), intent(in) :: directions(0:, 0:)   !! (m, direction) m = 0..m_max
-      type(symbol_evaluation), intent(inout) :: evaluation   !! that of a near symbol, or new
+      type(symbol_evaluation), intent(inout) :: evaluation   !! earlier evaluation nearby, or new
       real(wp) :: reciprocal(0:2*ubound(symbol, 1))
       integer :: last, m_max
 
@@ -58,7 +58,7 @@ contains
       real(wp), intent(in) :: directions(0:, 0:)
       type(symbol_evaluation), intent(inout) :: evaluation
       real(wp) :: change(0:ubound(factor, 1), 0:ubound(directions, 2))
-      real(wp) :: toeplitz(0:ubound(factor, 1), 0:ubound(factor, 1))   ! of the reciprocal
+      real(wp) :: toeplitz(0:ubound(factor, 1), 0:ubound(factor, 1))   ! matrix of the reciprocal
       integer :: j, m_max
 
       m_max = ubound(factor, 1)

@@ -193,7 +193,7 @@ contains
 
    !> Replaces the best consistent solution by a better one.
    pure subroutine keep_better(solution, best)
-      type(sequence_solution), intent(in) :: solution   !! of make_consistent
+      type(sequence_solution), intent(in) :: solution   !! result of make_consistent
       type(sequence_solution), intent(inout) :: best
 
       if (.not. solution%is_feasible) return

@@ -27,7 +27,7 @@ contains
       logical, intent(out) :: is_solved
       integer, parameter :: max_steps = 60
       real(wp), parameter :: widest = 8.0_wp, settled = 1.0e-14_wp
-      real(wp), parameter :: rounding = 1.0e-8_wp   ! of K(m), at most
+      real(wp), parameter :: rounding = 1.0e-8_wp   ! largest error of K(m)
       real(extended) :: fine(0:ubound(weights, 1)), symbol(0:ubound(weights, 1))
       real(wp), allocatable :: a(:)
       real(wp) :: b0, change, height, last_height, last_y, y

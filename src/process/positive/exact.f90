@@ -237,7 +237,7 @@ contains
       !> indefinite the companion is that of a weaker correlation.
       subroutine sample_slope(n_sweeps_before, slope, error)
          integer, intent(in) :: n_sweeps_before
-         real(wp), intent(out) :: slope, error   !! and its standard error
+         real(wp), intent(out) :: slope, error   !! slope and its standard error
          integer, parameter :: n_batches = 8*lanes
          type(batch_averages) :: batches
          real(wp), allocatable :: a(:)

@@ -43,7 +43,7 @@ contains
    !> if there is one, else the alternating one. Fails with the limits of std/mean.
    subroutine match_first_order(request, law, error)
       type(process_request), intent(in) :: request   !! order 1
-      type(first_order_law), intent(out) :: law      !! in its own units
+      type(first_order_law), intent(out) :: law      !! law in its own units
       type(error_type), allocatable, intent(out) :: error
       type(error_type), allocatable :: failure
       character(:), allocatable :: reason
@@ -128,7 +128,7 @@ contains
    !> Finds the largest std/mean of a branch at the length of the request; `huge` if the strongest
    !> alternation that the nodes resolve still has a shorter length.
    subroutine find_limit(request, is_alternating, limit, error)
-      type(process_request), intent(in) :: request   !! of any order
+      type(process_request), intent(in) :: request   !! request of any order
       logical, intent(in) :: is_alternating
       real(wp), intent(out) :: limit
       type(error_type), allocatable, intent(out) :: error

@@ -126,7 +126,7 @@ contains
    !> True if the alternating branch is to be searched after the other one ended with `error`.
    pure logical function may_search_alternating(request, search, error)
       type(process_request), intent(in) :: request
-      type(sampled_objective), intent(in) :: search   !! on the other branch
+      type(sampled_objective), intent(in) :: search   !! search on the other branch
       type(error_type), allocatable, intent(in) :: error
 
       may_search_alternating = request%branch == 'any' .and. &

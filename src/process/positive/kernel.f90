@@ -95,22 +95,22 @@ contains
    end subroutine new_first_order_law
 
    !> Distance from mu (mu < 0: from 0) beyond which there is no mass [b0].
-   pure function reach_of(law) result(reach)
+   pure function half_range_of(law) result(half_range)
       type(first_order_law), intent(in) :: law
-      real(wp) :: reach
+      real(wp) :: half_range
       real(wp), parameter :: far = 38.0_wp     ! -ln of the mass that is left out
       real(wp) :: strength
 
-      reach = beyond/sqrt(law%slack*(1.0_wp + law%r))
+      half_range = beyond/sqrt(law%slack*(1.0_wp + law%r))
       if (law%field >= 0.0_wp) return
       strength = max(-law%field, far/huge(1.0_wp))
-      reach = min(reach, far/strength)
+      half_range = min(half_range, far/strength)
       if (law%is_sequential) then   ! (1 + r) mu slack is the rate, once a value is accepted surely
-         reach = min(reach, (far - log_acceptance(-strength))/(strength*(1.0_wp + law%r)))
+         half_range = min(half_range, (far - log_acceptance(-strength))/(strength*(1.0_wp + law%r)))
       else                          ! the square of Airy's function
-         reach = min(reach, 10.0_wp/strength**(1.0_wp/3.0_wp))
+         half_range = min(half_range, 10.0_wp/strength**(1.0_wp/3.0_wp))
       end if
-   end function reach_of
+   end function half_range_of
 
    !> Places Gauss nodes for r > 0, dense enough for the width of the kernel; the mass left out is
    !> below 1e-15. Computes ln of each node's factor in the kernel, beside exp(-r (x - y)^2/2), if
@@ -122,14 +122,14 @@ contains
       integer, parameter :: fewest = 48
       real(wp), parameter :: density = 1.8_wp   ! nodes per width of the kernel
       real(wp), allocatable :: acceptance(:)
-      real(wp) :: field, high, low, mu, reach
+      real(wp) :: field, high, low, mu, half_range
       integer :: n
 
       mu = 0.0_wp   ! where it is negative the kernel is not centred on it
       if (law%field > 0.0_wp) mu = law%field/law%slack**merge(1, 2, law%is_sequential)
-      reach = reach_of(law)
-      low = max(mu - reach, 0.0_wp)
-      high = mu + reach
+      half_range = half_range_of(law)
+      low = max(mu - half_range, 0.0_wp)
+      high = mu + half_range
       n = fewest + ceiling(density*(high - low)*sqrt(law%r))
       allocate (law%nodes(n), weights(n))
       call gauss_legendre(low, high, law%nodes, weights)
@@ -153,16 +153,16 @@ contains
       real(wp), parameter :: nodes_per_unit = 4.0_wp
       real(wp), parameter :: far = 45.0_wp     ! -ln of the mass that is left out
       real(wp), allocatable :: c(:), hazard(:), t(:)
-      real(wp) :: reach
+      real(wp) :: half_range
       integer :: n
 
-      reach = max(law%field, 0.0_wp)/law%steepness + beyond/sqrt(law%steepness)
-      if (law%field < 0.0_wp) reach = min(reach, -far/law%field)
-      n = n_nodes + ceiling(nodes_per_unit*min(reach, 100.0_wp))
+      half_range = max(law%field, 0.0_wp)/law%steepness + beyond/sqrt(law%steepness)
+      if (law%field < 0.0_wp) half_range = min(half_range, -far/law%field)
+      n = n_nodes + ceiling(nodes_per_unit*min(half_range, 100.0_wp))
       allocate (t(n), weights(n))
       call gauss_legendre(0.0_wp, 1.0_wp, t, weights)
-      law%nodes = reach*t**3
-      weights = 3.0_wp*reach*t**2*weights
+      law%nodes = half_range*t**3
+      weights = 3.0_wp*half_range*t**2*weights
       log_factor = 0.5_wp*law%field*law%nodes - 0.25_wp*law%steepness*law%nodes**2
       if (.not. law%is_sequential) return
       c = law%field + law%r*law%nodes
@@ -254,7 +254,7 @@ contains
       real(wp) :: psi   ! ln Z per point
 
       psi = log_perron
-      if (law%r > 0.0_wp .and. law%field > 0.0_wp) &   ! what the centre mu leaves out, 0.5 mu f
+      if (law%r > 0.0_wp .and. law%field > 0.0_wp) &   ! the centre mu leaves out 0.5 mu f
          psi = psi + 0.5_wp*(law%field/law%slack)**2
       law%entropy = psi + 0.5_wp - 0.5_wp*law%field*law%mean
       law%log_lambda = log_perron - log_sqrt_two_pi

@@ -34,7 +34,7 @@ module process_positive_moments
       real(wp) :: ratio = 0.0_wp, ratio_error = 0.0_wp   !! std/mean
       real(wp) :: l0 = 0.0_wp, l0_error = 0.0_wp         !! infinite sums
       real(wp) :: l1 = 0.0_wp, l1_error = 0.0_wp
-      real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp   !! of x/std; sequential law only
+      real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp   !! entropy of x/std (sequential law)
       real(wp) :: acceptance_ratio = 1.0_wp, acceptance_mean = 1.0_wp, acceptance_geometric = 1.0_wp
       !> (batch, 5) deviations of the batches less what the controls explain: mean, ratio, L0, L1,
       !> entropy
@@ -112,7 +112,7 @@ contains
    pure subroutine add_far_products(history, n_steps, first, last, d, plain, weighted)
       integer, intent(in) :: history, n_steps, first, last
       real(wp), intent(in) :: d(lanes, 1 - history:n_steps)
-      real(wp), intent(inout) :: plain(lanes), weighted(lanes)   !! of weights 1, and m
+      real(wp), intent(inout) :: plain(lanes), weighted(lanes)   !! sums with weights 1 and m
       real(wp) :: past(lanes), weighted_past(lanes)   ! sums of d_(n-m), of m d_(n-m)
       integer :: lane, m, n
 
@@ -146,7 +146,7 @@ contains
       integer, intent(in) :: order
       real(wp), intent(in) :: tail_l0          !! sum of |rho(m)| beyond n_lags
       real(wp), intent(in) :: tail_moment      !! sum of m |rho(m)| beyond n_lags
-      real(wp), intent(in) :: signs(0:)        !! of K(m), as many as of the companion
+      real(wp), intent(in) :: signs(0:)        !! signs of K(m), as many as of the companion
       type(positive_moments) :: moments
       type(control_type) :: control
       real(wp), allocatable :: weights(:, :)   ! (0:last, 3) of rows: K(0), sum |K|, sum m |K|

@@ -137,7 +137,7 @@ contains
    !> Finds the maximum on the alternating branch, by continuation from order 1. Fails with the
    !> std/mean at which the branch ends.
    subroutine follow_alternating(request, seed, search, error)
-      type(process_request), intent(in) :: request    !! of order 2 or more
+      type(process_request), intent(in) :: request    !! request of order 2 or more
       integer(long), intent(in) :: seed
       type(sampled_objective), intent(inout) :: search   !! in: its effort and bound
       type(error_type), allocatable, intent(out) :: error
@@ -176,7 +176,7 @@ contains
 
    !> Starts at a process of order 1, which every order contains.
    subroutine start_from_order_1(search, first)
-      type(sampled_objective), intent(inout) :: search   !! of any family but by_symbol
+      type(sampled_objective), intent(inout) :: search   !! search in any family but by_symbol
       type(first_order_law), intent(in) :: first
       real(wp) :: first_unknown
 

@@ -24,7 +24,7 @@ module process_positive_sign_search
    public :: multipliers_of, search_signs
 
    real(wp), parameter :: negligible = 1.0e-4_wp       !! difference of sampled entropies [nat]
-   integer(long), parameter :: most_sequences = 1024   !! that are tried, without mirror images
+   integer(long), parameter :: most_sequences = 1024   !! tried sequences, without mirror images
 
    !> Solution for one sequence.
    type :: sign_trial
@@ -41,7 +41,7 @@ contains
    subroutine search_signs(request, seed, search, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
-      type(sampled_objective), intent(inout) :: search   !! at first its bound of effort alone
+      type(sampled_objective), intent(inout) :: search   !! on entry its bound of effort alone
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: others = 15.0_wp   ! effort of all other sequences over the first's
@@ -50,7 +50,7 @@ contains
       type(sign_trial) :: trial
       type(error_type), allocatable :: failure
       character(:), allocatable :: reason
-      integer, allocatable :: ranking(:)   ! of the solutions, by descending entropy
+      integer, allocatable :: ranking(:)   ! solutions by descending entropy
       real(wp) :: best, effort
       integer :: i
       logical :: is_excluded, is_whole
@@ -170,7 +170,7 @@ contains
    !> Computes signs and multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2
    !> a_0, G_m = lambda_2 a_m s_m.
    subroutine multipliers_of(search, b0, solution, residual)
-      type(sampled_objective), intent(in) :: search   !! of the direct method
+      type(sampled_objective), intent(in) :: search   !! search of the direct method
       real(wp), intent(in) :: b0                   !! [unit of X]
       type(sequence_solution), intent(out) :: solution
       !> largest residual of G over G_0, and of s_m K(m) >= 0 (|s_m| < 1: K(m) = 0) over K(0)

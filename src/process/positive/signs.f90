@@ -144,7 +144,7 @@ contains
       end if
       n_targets = search%n_constraints - size(search%zeros)
       associate (moments => search%last%moments, request => search%problem%request, &
-                 multipliers => search%found%multipliers)   ! of ratio, length(s), zeros
+                 multipliers => search%found%multipliers)   ! multipliers of ratio, length(s), zeros
          lengths = 0.0_wp   ! multipliers of L0 and L1
          lengths(merge(2, 1, request%correlation == 'L1')) = &
             multipliers(2)/request%correlation_length
