@@ -86,7 +86,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(trial_scope) :: scope
 
-      scope = trial_scope(budget=budget, at_other_dt=.true., is_statistical=.true., models=models)
+      scope = trial_scope(budget=budget, for_table=.true., is_statistical=.true., models=models)
       call fit_variants(world, plan, is_quiet, scope)
       is_stopped = world%any_true(time_to_stop())
       if (is_stopped) return

@@ -10,7 +10,6 @@
 !> fingerprint of shards and results.
 module driver_trial_runs
    use campaign_plan, only: plan_type
-   use campaign_runner, only: block_width
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_no_solution, exit_stopped, raise
    use core_kinds, only: wp
@@ -26,7 +25,7 @@ module driver_trial_runs
    use tradeoff_pilot, only: choose_every
    use tradeoff_settings, only: use_setting
    use tradeoff_task_results, only: band_ratio, slip
-   use tradeoff_tasks, only: new_tradeoff, trial_scope, tradeoff_type
+   use tradeoff_tasks, only: new_tradeoff, samples_of_block, trial_scope, tradeoff_type
    implicit none(type, external)
    private
    public :: choose_setting, choose_spectrum_step, measure_settings
@@ -134,17 +133,15 @@ contains
       type(setting_row), allocatable :: rows(:)
       type(error_type), allocatable :: error
       logical :: is_stopped
-      integer :: chosen, width
+      integer :: chosen
 
       choice = ''
       associate (points => plan%accuracy%target_slip_points, &
                  ratio => plan%accuracy%target_band_ratio)
          if (.not. (plan%has_structure .and. max(points, ratio) > 0.0_wp)) return
-         width = block_width(plan)
-         if (plan%excitation%kind == 'file' .and. plan%excitation%per_sample) &
-            width = min(width, size(scene%force, 2)/plan%structure%n_forces)
          trial = plan
-         where (trial%cases%process > 0) trial%cases%n_samples = max(trial%cases%n_samples, width)
+         where (trial%cases%process > 0) &
+            trial%cases%n_samples = max(trial%cases%n_samples, samples_of_block(plan, scene%force))
          call measure_settings(world, trial, scene%force, trial_scope(budget=budget), .true., &
                                measured, is_stopped, error)
          call world%stop_on(error)

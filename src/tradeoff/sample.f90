@@ -67,13 +67,14 @@ contains
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: cases(:)   !! case numbers
       type(level_type), intent(inout) :: level
-      integer :: i, most, sample
+      integer :: i, most, sample, width
 
       allocate (level%case_number(0), level%sample(0))
       most = maxval(plan%cases(cases)%n_samples)
+      width = min(block_width(plan), most)
       do sample = 1, most
          do i = 1, size(cases)
-            if (size(level%sample) == min(block_width(plan), most)) return
+            if (size(level%sample) == width) return
             if (sample > plan%cases(cases(i))%n_samples) cycle
             level%case_number = [level%case_number, cases(i)]
             level%sample = [level%sample, sample]

@@ -24,7 +24,8 @@ module tradeoff_tasks
    use tradeoff_variants, only: variant_type
    implicit none(type, external)
    private
-   public :: tradeoff_type, task_type, trial_scope, case_of, choose_march, new_tradeoff
+   public :: tradeoff_type, task_type, trial_scope, case_of, choose_march, new_tradeoff, &
+             samples_of_block
    public :: setting_task, spectrum_task, batch_task, samples_task, variant_task
 
    !> Kinds of tasks: a setting, a pair of spectrum_every and segment_length, a batch of a long
@@ -47,7 +48,9 @@ module tradeoff_tasks
    !> Parts of a tradeoff that are wanted. Statistical parts and variants need models.
    type :: trial_scope
       real(wp) :: budget = 0.0_wp         !! expected processor time of the marches [s]
-      logical :: at_other_dt = .false.    !! true: compares other steps than the scene's too
+      !> true: for a table of settings, with other steps than the scene's too, and timed with its
+      !> energy balance
+      logical :: for_table = .false.
       logical :: has_settings = .true.    !! true: compares settings
       logical :: is_statistical = .false. !! true: finds time-average and Monte Carlo errors
       type(process_model_type), allocatable :: models(:)     !! (process), solved
@@ -100,7 +103,7 @@ contains
       if (.not. allocated(scope%variants)) allocate (tradeoff%scope%variants(0))
       call choose_levels(plan, tradeoff%levels)
       width = sum([(size(tradeoff%levels(i)%sample), i=1, size(tradeoff%levels))])
-      if (scope%at_other_dt) then
+      if (scope%for_table) then
          tradeoff%settings = all_settings(plan, plan%integration%n_steps >= 8*unit .and. &
                                           modulo(every, 2) == 0)
       else
@@ -127,8 +130,7 @@ contains
             long_cost = n_batches*width*step_cost
          end if
          tradeoff%plan = shortened(plan, unit, affordable(scope%budget, cost))
-         ! settings are timed as the campaign marches
-         tradeoff%plan%output%energy = plan%output%energy .and. scope%at_other_dt
+         tradeoff%plan%output%energy = plan%output%energy .and. scope%for_table
          tradeoff%long_plan = shortened(plan, unit*n_batches, affordable(scope%budget, long_cost))
          cost = tradeoff%n_variant_samples*step_cost*n_levels*max(1, size(tradeoff%scope%variants))
          tradeoff%wide = shortened(plan, unit, affordable(0.3_wp*scope%budget, cost))
@@ -173,14 +175,21 @@ contains
    !> Number of samples of a variant's march: a block at most if each has its own force record.
    pure integer function samples_of_variants(plan, file_force)
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: file_force(0:, :)
+      real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
 
       samples_of_variants = variant_samples
-      if (.not. plan%excitation%per_sample) return
-      samples_of_variants = block_width(plan)
-      if (plan%excitation%kind == 'file') &
-         samples_of_variants = min(samples_of_variants, size(file_force, 2)/plan%structure%n_forces)
+      if (plan%excitation%per_sample) samples_of_variants = samples_of_block(plan, file_force)
    end function samples_of_variants
+
+   !> Number of samples of a full block: as many as have a record, if each has its own in a file.
+   pure integer function samples_of_block(plan, file_force)
+      type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
+
+      samples_of_block = block_width(plan)
+      if (plan%excitation%kind == 'file' .and. plan%excitation%per_sample) &
+         samples_of_block = min(samples_of_block, size(file_force, 2)/plan%structure%n_forces)
+   end function samples_of_block
 
    !> Draws the friction and the force of every level; marches its reference if settings are
    !> compared.
