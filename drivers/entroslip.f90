@@ -3,7 +3,8 @@
 program entroslip
    use config_template, only: scene_reference, template_text
    use core_error, only: error_type, exit_done
-   use core_memory, only: require_memory, restart_without_threads
+   use core_memory, only: require_memory
+   use core_openblas, only: restart_for_openblas
    use core_terminal, only: end_program, say, start_terminal, write_error
    use driver_check, only: check
    use driver_command_line, only: command_help, command_line, help_text, read_command_line
@@ -19,7 +20,7 @@ program entroslip
    type(error_type), allocatable :: error
 
    call start_terminal()
-   call restart_without_threads()
+   call restart_for_openblas()
    call read_command_line(line, error)
    if (allocated(error)) then
       if (was_launched()) then   ! all ranks have the same error; one prints it

@@ -1,21 +1,13 @@
 !> Memory limits of the system (`ulimit -v`, RLIMIT_AS): checks that memory can be allocated.
-!>
-!> When it is loaded, OpenBLAS allocates a buffer of 128 MB for each of its threads, one for each
-!> core, and one more at its first call. If the system refuses a buffer, OpenBLAS asks again without
-!> end (memory.c, blas_memory_alloc). So under a limit the program restarts with one such thread,
-!> and checks beforehand that the buffers can be allocated.
 module core_memory
-   use, intrinsic :: iso_c_binding, only: c_char, c_int, c_int64_t, c_loc, c_null_char, &
-                                                                             c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_int, c_int64_t
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
-   use core_system, only: c_setenv
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: can_allocate, require_memory, restart_without_threads
+   public :: can_allocate, limits_memory, require_memory
 
-   character(*), parameter :: n_threads = 'OPENBLAS_NUM_THREADS'
    integer, parameter :: needed_megabytes = 256               !! OpenBLAS 128, MPI 64, others 64
    integer(c_int64_t), parameter :: no_limit = -1_c_int64_t   !! RLIM_INFINITY
 
@@ -30,14 +22,6 @@ module core_memory
          type(limit_type), intent(out) :: limits
          integer(c_int) :: status
       end function c_getrlimit
-
-      !> Replaces this program by another; returns only on failure.
-      function c_execv(path, arguments) result(status) bind(c, name='execv')
-         import :: c_char, c_int, c_ptr
-         character(kind=c_char), intent(in) :: path(*)
-         type(c_ptr), intent(in) :: arguments(*)
-         integer(c_int) :: status
-      end function c_execv
    end interface
 
 contains
@@ -59,44 +43,6 @@ contains
       is_limited = .false.
       if (c_getrlimit(resource, limits) == 0) is_limited = limits%soft /= no_limit
    end function is_limited
-
-   !> Restarts the program with one thread of OpenBLAS if memory is limited, because OpenBLAS has
-   !> already allocated the buffers of the others. The process number stays the same.
-   subroutine restart_without_threads()
-      integer(c_int) :: ignored   ! the program continues if it cannot be restarted
-      character(8) :: value
-      integer :: length, status
-
-      call get_environment_variable(n_threads, value, length, status)
-      if (status == 0 .and. value == '1') return
-      if (.not. limits_memory()) return
-      ignored = c_setenv(n_threads//c_null_char, '1'//c_null_char, 1_c_int)
-      call restart()
-   end subroutine restart_without_threads
-
-   !> Replaces this program by itself, with the arguments that Linux keeps, each with its null
-   !> character.
-   subroutine restart()
-      character(kind=c_char), allocatable, target :: words(:)
-      character(kind=c_char) :: letter
-      integer, allocatable :: starts(:)
-      integer(c_int) :: ignored
-      integer :: i, status, unit
-
-      open (newunit=unit, file='/proc/self/cmdline', access='stream', form='unformatted', &
-            action='read', iostat=status)
-      if (status /= 0) return
-      allocate (words(0))
-      do
-         read (unit, iostat=status) letter
-         if (status /= 0) exit
-         words = [words, letter]
-      end do
-      close (unit)
-      starts = pack([(i, i=1, size(words))], [c_null_char, words(:size(words) - 1)] == c_null_char)
-      ignored = c_execv('/proc/self/exe'//c_null_char, &
-                        [(c_loc(words(starts(i))), i=1, size(starts)), c_null_ptr])
-   end subroutine restart
 
    !> Raises an error if the system refuses the memory that libraries allocate at their start.
    subroutine require_memory(error)

@@ -1,10 +1,10 @@
-!> Calls of libc for system errors, signals, streams and environment variables.
+!> Calls of libc for system errors, signals, streams, environment variables and loaded libraries.
 module core_system
    use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_funptr, c_int, c_ptr, c_size_t
    use core_error, only: error_type, exit_file, raise
    implicit none(type, external)
    private
-   public :: c_fopen, c_setenv, c_signal, raise_system, system_error, system_text, text_at
+   public :: c_dlsym, c_fopen, c_setenv, c_signal, raise_system, system_error, system_text, text_at
 
    interface
       function c_strlen(text) result(length) bind(c, name='strlen')
@@ -36,6 +36,14 @@ module core_system
          character(kind=c_char), intent(in) :: path(*), mode(*)
          type(c_ptr) :: stream
       end function c_fopen
+
+      !> Address of a procedure; null if no library has it.
+      function c_dlsym(library, name) result(address) bind(c, name='dlsym')
+         import :: c_char, c_funptr, c_ptr
+         type(c_ptr), value :: library   !! null: all libraries that this process has loaded
+         character(kind=c_char), intent(in) :: name(*)
+         type(c_funptr) :: address
+      end function c_dlsym
 
       !> Sets the action of a signal.
       function c_signal(number, handler) result(previous) bind(c, name='signal')

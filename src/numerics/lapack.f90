@@ -3,10 +3,11 @@
 !> The last bits of a BLAS's sums depend on its number of threads, so each procedure first sets the
 !> BLAS to one thread, whatever the environment says.
 module numerics_lapack
-   use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_procpointer, c_funptr, c_long, &
-                                          c_null_char, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_long, &
+                                          c_null_char, c_null_ptr
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: wp
+   use core_system, only: c_dlsym
    use core_text, only: to_text
    implicit none(type, external)
    private
@@ -31,13 +32,6 @@ module numerics_lapack
    end interface
 
    interface
-      function c_dlsym(library, name) result(address) bind(c, name='dlsym')
-         import :: c_char, c_funptr, c_ptr
-         type(c_ptr), value :: library   !! null: all libraries that this process has loaded
-         character(kind=c_char), intent(in) :: name(*)
-         type(c_funptr) :: address
-      end function c_dlsym
-
       subroutine ilaver(major, minor, patch)
          integer, intent(out) :: major, minor, patch
       end subroutine ilaver

@@ -1,9 +1,11 @@
-"""The same bits, however many threads the environment offers to BLAS, with mpirun and without."""
+"""Threads and kernels of BLAS: the same bits with any threads, with mpirun and without."""
 
 from __future__ import annotations
 
 import os
+import re
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -90,3 +92,22 @@ def test_members_with_other_threads_share_a_run(program, tmp_path):
         assert member.returncode == os.EX_OK, errors
     run(program, tmp_path, "shared.h5", n_threads=2)
     assert differences(tmp_path / "shared.h5", tmp_path / "alone.h5") == []
+
+
+def kernels(program, **variables):
+    """The kernels that OpenBLAS takes, one name for each start of the program."""
+    done = subprocess.run(
+        [program, "--version"], env=ENVIRONMENT | {"OPENBLAS_VERBOSE": "2"} | variables,
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return re.findall(r"^Core: (\w+)$", done.stderr + done.stdout, flags=re.MULTILINE)
+
+
+def test_openblas_takes_the_kernels_of_the_processor(program):
+    """Also on a processor that it does not know; a choice of the user stays."""
+    names = kernels(program)
+    if not names or " avx2 " not in Path("/proc/cpuinfo").read_text():
+        pytest.skip("no OpenBLAS with several kernels, or a processor without AVX2")
+    assert names[-1] != "Prescott"
+    assert len(names) == (2 if names[0] == "Prescott" else 1)
+    assert kernels(program, OPENBLAS_CORETYPE="Prescott") == ["Prescott"]
