@@ -259,7 +259,7 @@ contains
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: x(:, :, :)   !! (record, dof, sample) [m]
       type(block_result), intent(inout) :: result
-      real(wp) :: between(size(x, 1))
+      real(wp) :: between(size(x, 1)), peak
       integer, allocatable :: dofs(:)   ! dofs at the ends of the joint
       integer :: i, joint, w
 
@@ -272,7 +272,11 @@ contains
                do i = 1, size(dofs)
                   between = between + share(dofs(i))*x(:, dofs(i), w)
                end do
-               largest(w) = max(largest(w), maxval(abs(between)))
+               peak = largest(w)
+               do i = 1, size(between)   ! as vectors, which maxval is not
+                  peak = max(peak, abs(between(i)))
+               end do
+               largest(w) = peak
             end do
          end associate
       end do

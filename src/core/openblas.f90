@@ -9,9 +9,9 @@
 !> for AVX-512. So it gets the kernels of the processor's vector instructions.
 module core_openblas
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_f_procpointer, c_funptr, c_int, &
-                                          c_loc, c_null_char, c_null_ptr, c_ptr
+                                          c_loc, c_null_char, c_null_ptr, c_ptr, c_size_t
    use core_memory, only: limits_memory
-   use core_system, only: c_dlsym, c_setenv, text_at
+   use core_system, only: c_dlsym, c_readlink, c_setenv, text_at
    implicit none(type, external)
    private
    public :: kernels_for, restart_for_openblas
@@ -119,15 +119,18 @@ contains
       close (unit)
    end function processor_flags
 
-   !> Replaces this program by itself, with the arguments that Linux keeps, each with its null
-   !> character.
+   !> Replaces this program by itself, under its own name and with the arguments that Linux keeps,
+   !> each with its null character.
    subroutine restart()
       character(kind=c_char), allocatable, target :: words(:)
-      character(kind=c_char) :: letter
+      integer, parameter :: longest = 4096   ! limit of Linux
+      character(kind=c_char) :: letter, path(longest + 1)
       integer, allocatable :: starts(:)
       integer(c_int) :: ignored
       integer :: i, status, unit
 
+      path = c_null_char
+      if (c_readlink('/proc/self/exe'//c_null_char, path, int(longest, c_size_t)) < 0) return
       open (newunit=unit, file='/proc/self/cmdline', access='stream', form='unformatted', &
             action='read', iostat=status)
       if (status /= 0) return
@@ -139,8 +142,7 @@ contains
       end do
       close (unit)
       starts = pack([(i, i=1, size(words))], [c_null_char, words(:size(words) - 1)] == c_null_char)
-      ignored = c_execv('/proc/self/exe'//c_null_char, &
-                        [(c_loc(words(starts(i))), i=1, size(starts)), c_null_ptr])
+      ignored = c_execv(path, [(c_loc(words(starts(i))), i=1, size(starts)), c_null_ptr])
    end subroutine restart
 
 end module core_openblas

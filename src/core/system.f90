@@ -1,10 +1,12 @@
-!> Calls of libc for system errors, signals, streams, environment variables and loaded libraries.
+!> Calls of libc for errors, signals, streams, links, environment variables and libraries.
 module core_system
-   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_funptr, c_int, c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_char, c_f_pointer, c_funptr, c_int, c_long, c_ptr, &
+                                                                             c_size_t
    use core_error, only: error_type, exit_file, raise
    implicit none(type, external)
    private
-   public :: c_dlsym, c_fopen, c_setenv, c_signal, raise_system, system_error, system_text, text_at
+   public :: c_dlsym, c_fopen, c_readlink, c_setenv, c_signal, raise_system, system_error, &
+             system_text, text_at
 
    interface
       function c_strlen(text) result(length) bind(c, name='strlen')
@@ -36,6 +38,15 @@ module core_system
          character(kind=c_char), intent(in) :: path(*), mode(*)
          type(c_ptr) :: stream
       end function c_fopen
+
+      !> Length of the target of a symbolic link; -1 if the path is not a link.
+      function c_readlink(path, target, most) result(length) bind(c, name='readlink')
+         import :: c_char, c_long, c_size_t
+         character(kind=c_char), intent(in) :: path(*)
+         character(kind=c_char), intent(out) :: target(*)
+         integer(c_size_t), value :: most
+         integer(c_long) :: length
+      end function c_readlink
 
       !> Address of a procedure; null if no library has it.
       function c_dlsym(library, name) result(address) bind(c, name='dlsym')

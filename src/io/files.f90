@@ -4,11 +4,11 @@ module io_files
                                                             c_null_char, c_null_ptr, c_ptr, c_size_t
    use core_error, only: error_type
    use core_kinds, only: long
-   use core_system, only: c_fopen, raise_system, system_error, text_at
+   use core_system, only: c_fopen, c_readlink, raise_system, system_error, text_at
    use core_terminal, only: is_terminal, standard_output
    use core_text, only: to_text
    use io_posix, only: c_fclose, c_fileno, c_fsync, c_gethostname, c_getpid, c_getppid, &
-                       c_glob, c_globfree, c_mkdir, c_readlink, c_remove, c_rename
+                       c_glob, c_globfree, c_mkdir, c_remove, c_rename
    implicit none(type, external)
    private
    public :: exists, file_size, folder_of, host_name, is_folder, process_id, shows_on_terminal

@@ -4,8 +4,8 @@ module io_posix
    implicit none(type, external)
    private
    public :: c_fclose, c_fileno, c_fstat, c_fsync, c_gethostname, c_getpid, c_getppid, c_glob, &
-             c_globfree, c_link, c_lockf, c_lseek, c_mkdir, c_pread, c_readlink, c_remove, &
-             c_rename, c_stat
+             c_globfree, c_link, c_lockf, c_lseek, c_mkdir, c_pread, c_remove, c_rename, &
+             c_stat
 
    interface
       function c_mkdir(path, mode) result(status) bind(c, name='mkdir')
@@ -32,15 +32,6 @@ module io_posix
          character(kind=c_char), intent(in) :: from(*), to(*)
          integer(c_int) :: status
       end function c_link
-
-      !> Length of the target of a symbolic link; -1 if the path is not a link.
-      function c_readlink(path, target, most) result(length) bind(c, name='readlink')
-         import :: c_char, c_long, c_size_t
-         character(kind=c_char), intent(in) :: path(*)
-         character(kind=c_char), intent(out) :: target(*)
-         integer(c_size_t), value :: most
-         integer(c_long) :: length
-      end function c_readlink
 
       function c_fclose(stream) result(status) bind(c, name='fclose')
          import :: c_int, c_ptr

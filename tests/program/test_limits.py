@@ -1,10 +1,15 @@
-"""Limits of the system, `ulimit -v` and `ulimit -f`: one line and exit code 3 (core_memory)."""
+"""Limits of the system, `ulimit -v` and `ulimit -f`: one line and exit code 3.
+
+Tests core_memory, and the restarts of core_openblas.
+"""
 
 from __future__ import annotations
 
 import os
 import resource
 import subprocess
+import time
+from pathlib import Path
 
 import pytest
 
@@ -72,6 +77,22 @@ def test_the_memory_that_is_asked_for_is_enough(limited, tmp_path):
     for limit in (resource.RLIM_INFINITY, 400000 * 1024):
         assert limited(free, resource.RLIMIT_AS, limit).returncode == os.EX_OK
     assert scene_bits(tmp_path / "limited.h5") == scene_bits(tmp_path / "without limit.h5")
+
+
+def test_the_process_keeps_its_name(program, tmp_path):
+    """After the restart that a limit of memory needs, as `top` and `pkill` see it."""
+    (tmp_path / "scene.nml").write_text(SCENE.replace("n_samples = 8", "n_samples = 100000"))
+    limit = (400000 * 1024,) * 2
+    process = subprocess.Popen(
+        [program, *COMMANDS["run"]], cwd=tmp_path, env=UNTHREADED,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, limit),
+    )  # fmt: skip
+    while len(list(tmp_path.iterdir())) == 1 and process.poll() is None:
+        time.sleep(0.01)  # until its first file is there
+    name = Path(f"/proc/{process.pid}/comm").read_text()
+    process.kill()
+    process.wait()
+    assert name == "entroslip\n"
 
 
 @pytest.mark.parametrize("n_bytes", [500, 5000, 40000])
