@@ -283,6 +283,7 @@ contains
    subroutine visit_entropies(visitor, model)
       class(component_visitor), intent(inout) :: visitor
       type(process_model_type), intent(inout) :: model
+      logical :: alternates
 
       call visitor%visit(component('entropy', 'nat', 'entropy per point'), model%entropy, &
                          model%entropy_error)
@@ -291,7 +292,9 @@ contains
       call visitor%visit(component('optimality', '1', &
                                  'largest residual of the optimality conditions'), model%optimality)
       if (allocated(model%g)) return
-      if (.not. alternates(model)) &
+      alternates = allocated(model%branch)
+      if (alternates) alternates = model%branch == 'alternating'
+      if (.not. alternates) &
          call visitor%visit(component('lambda', '1', &
                                   'limit of the acceptance of one more point, Eq. (45), of the '// &
                              'exact law with these a, b0 and mu'), model%lambda, model%lambda_error)
@@ -302,14 +305,6 @@ contains
       call visitor%visit(component('acceptance_geometric', '1', &
            'geometric mean over the past of the probability to accept'), model%acceptance_geometric)
    end subroutine visit_entropies
-
-   !> True if the process is positive and K(m) changes its sign with every lag.
-   pure logical function alternates(model)
-      type(process_model_type), intent(in) :: model
-
-      alternates = .false.
-      if (allocated(model%branch)) alternates = model%branch == 'alternating'
-   end function alternates
 
    !> Visits the multipliers of the direct method, the solutions of its sign search and the check by
    !> inversion.

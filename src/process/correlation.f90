@@ -9,11 +9,10 @@ module process_correlation
 contains
 
    !> Length of Eq. (8), 'L0', or of Eq. (9), 'L1' [lags].
-   pure function correlation_length(definition, autocovariance) result(length)
+   pure real(wp) function correlation_length(definition, autocovariance) result(length)
       character(*), intent(in) :: definition
       !> K_XX(m), m = 0..m_max [unit of X squared]; needs K_XX(0) > 0
       real(wp), intent(in) :: autocovariance(0:)
-      real(wp) :: length
       integer :: m
 
       select case (definition)

@@ -23,7 +23,7 @@ module process_estimate
    use process_autoregressive_model, only: autocovariance_of
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
    use process_fit, only: fit_process
-   use process_model, only: process_model_type, process_request
+   use process_model, only: process_model_type, process_moments, process_request
    use process_realization, only: draw_points
    implicit none(type, external)
    private
@@ -42,18 +42,16 @@ module process_estimate
       real(wp), allocatable :: value(:)   !! (point) [unit of X]
    end type measured_record
 
-   !> Estimates. Errors are standard errors; ranges contain 95 % of the estimates from realizations.
-   type :: process_estimate_type
+   !> Estimates of mean, std and lengths with standard errors. Ranges contain 95 % of the estimates
+   !> from realizations.
+   type, extends(process_moments) :: process_estimate_type
       integer :: n_values = 0, n_records = 0, n_gaps = 0
       integer :: n_points = 0                   !! points of the longest record, with gaps
       type(process_request) :: request          !! request for the estimated process
       type(process_model_type) :: model         !! solved
-      real(wp) :: mean = 0.0_wp, mean_error = 0.0_wp
-      real(wp) :: std = 0.0_wp, std_error = 0.0_wp
       real(wp) :: std_of_record_means = 0.0_wp   !! std of the means of the records, if several
-      real(wp) :: l0 = 0.0_wp, l0_error = 0.0_wp, l0_range(2) = 0.0_wp   !! [lags]
+      real(wp) :: l0_range(2) = 0.0_wp, l1_range(2) = 0.0_wp   !! [lags]
       real(wp) :: longest = 0.0_wp              !! largest L0 of the trials of this order [lags]
-      real(wp) :: l1 = 0.0_wp, l1_error = 0.0_wp, l1_range(2) = 0.0_wp   !! [lags]
       real(wp) :: correlation(n_lags_tested) = 0.0_wp   !! correlation of the values, from lag 1
       real(wp) :: expected(n_lags_tested) = 0.0_wp      !! correlation of the process, from lag 1
       real(wp) :: p_correlation = 1.0_wp   !! p-value of the misfit of the correlation
@@ -74,9 +72,8 @@ module process_estimate
    end type trial_type
 
    !> Estimates from one column of values, and the statistics of its tests.
-   type :: fit_type
+   type, extends(process_moments) :: fit_type
       integer :: order = 0
-      real(wp) :: mean = 0.0_wp, std = 0.0_wp, l0 = 0.0_wp, l1 = 0.0_wp
       real(wp) :: misfit = 0.0_wp     !! correlation of the innovations (Box and Pierce, 1970)
       real(wp) :: distance = 0.0_wp   !! A^2 of the standardized values
    end type fit_type
@@ -94,18 +91,20 @@ contains
       type(trial_type), allocatable :: trials(:)
       type(fit_type), allocatable :: fits(:), refits(:)   ! (column)
       real(wp), allocatable :: values(:, :), realizations(:, :)   ! (value, column)
+      integer :: n_lags
 
-      call collect_values(records, values, pieces, estimate)
-      call check_values(values(:, 1), error)
+      call collect_values(records, values, pieces, n_lags, estimate)
+      if (size(values) < fewest_values) then
+         call raise(error, exit_bad_input, counted(size(values), 'value', 'values')// &
+                    ': an estimate needs '//to_text(fewest_values))
+      else if (.not. maxval(values) > minval(values)) then
+         call raise(error, exit_bad_input, 'all values are '//to_text(values(1, 1))// &
+                    ': they must scatter')
+      end if
+      if (.not. allocated(error)) call list_trials(size(values), n_lags, trials, error)
+      if (.not. allocated(error)) call fit_columns(values, pieces, trials, fits, error)
       if (allocated(error)) return
-      call list_trials(size(values, 1), largest_lag(pieces), trials, error)
-      if (allocated(error)) return
-      call fit_columns(values, pieces, trials, fits, error)
-      if (allocated(error)) return
-      estimate%mean = fits(1)%mean
-      estimate%std = fits(1)%std
-      estimate%l0 = fits(1)%l0
-      estimate%l1 = fits(1)%l1
+      estimate%process_moments = fits(1)%process_moments
       estimate%longest = maxval(trials%l0, mask=trials%order == fits(1)%order)
       estimate%request = process_request(correlation_length=estimate%l0, order=fits(1)%order, &
                                          mean=estimate%mean, std=estimate%std, &
@@ -126,17 +125,18 @@ contains
    end subroutine estimate_process
 
    !> Collects the values of all records in one column, and their points in pieces.
-   subroutine collect_values(records, values, pieces, estimate)
+   subroutine collect_values(records, values, pieces, n_lags, estimate)
       type(measured_record), intent(in) :: records(:)
       real(wp), allocatable, intent(out) :: values(:, :)   !! (value, 1)
       type(piece_type), allocatable, intent(out) :: pieces(:)
+      integer, intent(out) :: n_lags   !! largest distance of two points of a piece, or of the tests
       type(process_estimate_type), intent(inout) :: estimate
-      type(piece_type) :: piece
       real(wp), allocatable :: column(:), means(:)
       integer, allocatable :: measured(:)
       integer :: first, i, k, last
 
       allocate (pieces(0), column(0), means(0))
+      n_lags = n_lags_tested
       do i = 1, size(records)
          associate (value => records(i)%value)
             measured = pack([(k, k=1, size(value))], mask=.not. ieee_is_nan(value))
@@ -145,9 +145,9 @@ contains
          end associate
          do first = 1, size(measured), longest_piece
             last = min(first + longest_piece - 1, size(measured))
-            piece%point = measured(first:last)
-            piece%row = [(size(column) + k, k=first, last)]
-            pieces = [pieces, piece]
+            pieces = [pieces, piece_type(measured(first:last), &
+                                         [(size(column) + k, k=first, last)])]
+            n_lags = max(n_lags, measured(last) - measured(first))
          end do
          column = [column, records(i)%value(measured)]
          if (size(measured) > 0) means = [means, mean_of(records(i)%value(measured))]
@@ -157,32 +157,6 @@ contains
       estimate%n_values = size(column)
       values = reshape(column, [size(column), 1])
    end subroutine collect_values
-
-   pure subroutine check_values(values, error)
-      real(wp), intent(in) :: values(:)
-      type(error_type), allocatable, intent(out) :: error
-
-      if (size(values) < fewest_values) then
-         call raise(error, exit_bad_input, counted(size(values), 'value', 'values')// &
-                    ': an estimate needs '//to_text(fewest_values))
-      else if (.not. maxval(values) > minval(values)) then
-         call raise(error, exit_bad_input, 'all values are '//to_text(values(1))// &
-                    ': they must scatter')
-      end if
-   end subroutine check_values
-
-   !> Largest distance of two points of one piece, but at least the number of tested lags.
-   pure integer function largest_lag(pieces)
-      type(piece_type), intent(in) :: pieces(:)
-      integer :: i
-
-      largest_lag = n_lags_tested
-      do i = 1, size(pieces)
-         associate (point => pieces(i)%point)
-            largest_lag = max(largest_lag, point(size(point)) - point(1))
-         end associate
-      end do
-   end function largest_lag
 
    !> Lists the trials: white noise, then every order with L0 from the shortest to the longest,
    !> as long as L1 is at most a third of the number of values. A longer correlation can hardly be
@@ -196,14 +170,12 @@ contains
       real(wp), allocatable :: kappa(:)
       integer :: i, k
 
-      trial%order = 1
-      allocate (trial%correlation(0:n_lags), source=0.0_wp)
-      trial%correlation(0) = 1.0_wp
-      trials = [trial]
+      allocate (trials(0), trial%correlation(0:n_lags))
       do i = 1, size(orders)
          trial%order = orders(i)
-         do k = 0, nint(lengths_per_decade*log10(longest/shortest))
+         do k = merge(-1, 0, i == 1), nint(lengths_per_decade*log10(longest/shortest))
             trial%l0 = shortest*10.0_wp**(real(k, wp)/lengths_per_decade)
+            if (k < 0) trial%l0 = 0.0_wp   ! white noise
             call optimal_reflection(process_request(correlation_length=trial%l0, &
                                                     order=trial%order), kappa, error)
             if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
@@ -270,35 +242,21 @@ contains
       squares = 0.0_wp
       do i = 1, size(pieces)
          associate (point => pieces(i)%point, y => values(pieces(i)%row, :) - origin)
-            s = correlation_matrix(point, correlation)
-            allocate (solved(size(point), n + 1))
-            solved(:, :n) = y
-            solved(:, n + 1) = 1.0_wp
+            s = reshape([(correlation(abs(point - point(k))), k=1, size(point))], &
+                        [size(point), size(point)])
+            solved = reshape([y, spread(1.0_wp, 1, size(point))], [size(point), n + 1])
             call solve_positive_definite(s, solved, error)   ! leaves its Cholesky factor in s
             if (allocated(error)) return
             ln_det = ln_det + 2.0_wp*sum([(log(s(k, k)), k=1, size(point))])
             ones = ones + sum(solved(:, n + 1))
             products = products + sum(solved(:, :n), 1)
             squares = squares + sum(y*solved(:, :n), 1)
-            deallocate (s, solved)
          end associate
       end do
       mean = origin + products/ones
       variance = (squares - products**2/ones)/(size(values, 1) - 1)
       deviance = (size(values, 1) - 1)*log(variance) + ln_det + log(ones)
    end subroutine find_deviance
-
-   !> Correlation matrix S (point, point) of the points of a piece.
-   pure function correlation_matrix(point, correlation) result(s)
-      integer, intent(in) :: point(:)
-      real(wp), intent(in) :: correlation(0:)   !! K(m)/K(0)
-      real(wp) :: s(size(point), size(point))
-      integer :: j
-
-      do j = 1, size(point)
-         s(:, j) = correlation(abs(point - point(j)))
-      end do
-   end function correlation_matrix
 
    !> Turns standardized values x into innovations L^-1 x, S = L L', which are uncorrelated and of
    !> variance 1 if x has the correlation S.
@@ -312,7 +270,8 @@ contains
 
       do i = 1, size(pieces)
          associate (point => pieces(i)%point, row => pieces(i)%row)
-            s = correlation_matrix(point, correlation)
+            s = reshape([(correlation(abs(point - point(j))), j=1, size(point))], &
+                        [size(point), size(point)])
             solved = reshape(x(row), [size(point), 1])
             call solve_positive_definite(s, solved, error)   ! leaves its Cholesky factor in s
             if (allocated(error)) return
@@ -370,9 +329,8 @@ contains
    end subroutine correlate
 
    !> Distance A^2 of the values from a standard normal law (Anderson and Darling, 1952).
-   pure function anderson_darling(x) result(distance)
+   pure real(wp) function anderson_darling(x) result(distance)
       real(wp), intent(in) :: x(:)   !! (value) standardized
-      real(wp) :: distance
       real(wp) :: below(size(x)), above(size(x))   ! ln of the probability below and above
       integer :: i, n
 
@@ -414,39 +372,24 @@ contains
       type(fit_type), intent(in) :: fit         !! fit to the values
       type(fit_type), intent(in) :: refits(:)   !! fits to the realizations
       type(process_estimate_type), intent(inout) :: estimate
-      integer :: n_kept, unused(n_lags_tested)
+      integer :: ascending(size(refits)), inner(2), n_kept, unused(n_lags_tested)
 
       estimate%mean_error = standard_deviation(refits%mean)
       estimate%std_error = standard_deviation(refits%std)
       estimate%l0_error = standard_deviation(refits%l0)
       estimate%l1_error = standard_deviation(refits%l1)
-      estimate%l0_range = inner_range(refits%l0)
-      estimate%l1_range = inner_range(refits%l1)
-      estimate%p_correlation = p_value(refits%misfit, fit%misfit)
-      estimate%p_marginal = p_value(refits%distance, fit%distance)
+      inner = nint([0.025_wp, 0.975_wp]*(size(refits) + 1))
+      ascending = sort_order(refits%l0)
+      estimate%l0_range = refits(ascending(inner))%l0
+      ascending = sort_order(refits%l1)
+      estimate%l1_range = refits(ascending(inner))%l1
+      estimate%p_correlation = (1.0_wp + count(refits%misfit >= fit%misfit))/(1 + size(refits))
+      estimate%p_marginal = (1.0_wp + count(refits%distance >= fit%distance))/(1 + size(refits))
       call correlate((values - mean_of(values))/standard_deviation(values), pieces, &
                      estimate%correlation, unused)
       n_kept = min(n_lags_tested, ubound(estimate%model%autocovariance, 1))   ! 0 beyond
       estimate%expected(:n_kept) = estimate%model%autocovariance(1:n_kept) &
                                    /estimate%model%autocovariance(0)
    end subroutine find_errors
-
-   !> Range of the inner 95 % of the values.
-   pure function inner_range(values) result(range)
-      real(wp), intent(in) :: values(:)
-      real(wp) :: range(2)
-      integer :: order(size(values)), n
-
-      n = size(values)
-      order = sort_order(values)
-      range = values(order([nint(0.025_wp*(n + 1)), nint(0.975_wp*(n + 1))]))
-   end function inner_range
-
-   !> p-value of a statistic by its values in realizations, (1 + number above)/(1 + number).
-   pure real(wp) function p_value(values, limit)
-      real(wp), intent(in) :: values(:), limit
-
-      p_value = (1.0_wp + count(values >= limit))/(1.0_wp + size(values))
-   end function p_value
 
 end module process_estimate

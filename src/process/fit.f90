@@ -1,10 +1,10 @@
 !> Fit of any requested process, and a forecast whether it can be fitted.
 module process_fit
    use core_error, only: error_type, exit_bad_input, raise
-   use core_kinds, only: long
+   use core_kinds, only: long, wp
    use core_text, only: to_text
    use process_direct_fit, only: conclude_direct, fit_unconstrained
-   use process_direct_limits, only: certainly_feasible_m_max, find_complaint
+   use process_direct_limits, only: certainly_feasible_m_max, check_sign_count
    use process_direct_sign_search, only: search_result
    use process_model, only: process_model_type, process_request
    use process_order, only: choose_order, fit_positive_order
@@ -111,16 +111,15 @@ contains
       character(:), allocatable :: complaint
 
       resolved = request
-      select case (request%method)
-      case ('autoregressive', 'direct')
-         call choose_order(request, resolved%order, error)
-         if (allocated(error) .or. request%method /= 'direct') return
-         call find_complaint(resolved, complaint)
-         if (allocated(complaint)) call raise(error, exit_bad_input, complaint)
-      case default
-         call raise(error, exit_bad_input, &
-                    "method = '"//trim(request%method)//"': must be 'autoregressive' or 'direct'")
-      end select
+      if (.not. (request%std > 0.0_wp .and. request%std <= huge(1.0_wp))) then
+         call raise(error, exit_bad_input, 'std = '//to_text(request%std)// &
+                    ': must be finite and positive')
+         return
+      end if
+      call choose_order(request, resolved%order, error)
+      if (allocated(error) .or. request%method /= 'direct') return
+      call check_sign_count(resolved, complaint)
+      if (allocated(complaint)) call raise(error, exit_bad_input, complaint)
    end subroutine resolve_order
 
 end module process_fit

@@ -1,12 +1,13 @@
 !> Request and solution of a maximum-entropy process (Sec. 2).
 module process_model
-   use core_kinds, only: long, wp
+   use core_kinds, only: long, two_pi, wp
    use core_random, only: label_of
    use core_text, only: rounded_text, to_text
    implicit none(type, external)
    private
-   public :: process_request, process_model_type, inversion_check, branch_note, &
-             innovation_scale, lengths_of, positive_name, request_label
+   public :: process_moments, process_request, process_model_type, inversion_check, branch_note, &
+             gaussian_entropy, innovation_scale, lengths_of, positive_name, request_label, &
+             take_law, take_other_law
 
    !> Process that is asked for. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
@@ -41,8 +42,20 @@ module process_model
       real(wp) :: seconds_of_fit = 0.0_wp          !! CPU time of the direct method
    end type inversion_check
 
-   !> Process that was solved or refused. Entropies are per point, in nats.
-   type :: process_model_type
+   !> Moments of a law, with standard errors.
+   type :: process_moments
+      real(wp) :: mean = 0.0_wp, mean_error = 0.0_wp
+      real(wp) :: std = 0.0_wp, std_error = 0.0_wp
+      real(wp) :: l0 = 0.0_wp, l0_error = 0.0_wp       !! infinite sums [lags]
+      real(wp) :: l1 = 0.0_wp, l1_error = 0.0_wp
+      real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp   !! per point [nat]
+      real(wp) :: lambda = 1.0_wp, lambda_error = 0.0_wp     !! exact law: limit of p_acc^(s), (45)
+      !> one-at-a-time rejection: accepted/proposed = 1/E[1/alpha], E[alpha], exp E[ln alpha]
+      real(wp) :: acceptance_ratio = 1.0_wp, acceptance_mean = 1.0_wp, acceptance_geometric = 1.0_wp
+   end type process_moments
+
+   !> Process that was solved or refused, with the moments achieved.
+   type, extends(process_moments) :: process_model_type
       type(process_request) :: request
       logical :: is_solved = .false.
       character(:), allocatable :: reason        !! why it was refused, and what is feasible
@@ -53,18 +66,9 @@ module process_model
       complex(wp), allocatable :: poles(:)       !! (order), Eq. (40)
       real(wp), allocatable :: autocovariance(:) !! K_XX(lag), lag = 0.. [unit of X squared]
       real(wp), allocatable :: autocovariance_error(:)   !! standard error where sampled, else 0
-      real(wp) :: l0 = 0.0_wp, l1 = 0.0_wp           !! infinite sums
       real(wp) :: l0_cut = 0.0_wp, l1_cut = 0.0_wp   !! sums cut at the order, Eq. (11)
-      real(wp) :: mean = 0.0_wp, std = 0.0_wp        !! achieved [unit of X]
-      real(wp) :: mean_error = 0.0_wp, std_error = 0.0_wp, l0_error = 0.0_wp, l1_error = 0.0_wp
-      real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp
       real(wp) :: entropy_bound = 0.0_wp         !! entropy of white noise, Eq. (42)
       real(wp) :: optimality = 0.0_wp            !! largest residual of the optimality conditions
-      real(wp) :: lambda = 1.0_wp                !! limit of p_acc^(s), Eq. (45), of the exact law
-      real(wp) :: lambda_error = 0.0_wp          !! standard error
-      real(wp) :: acceptance_ratio = 1.0_wp      !! accepted/proposed = 1/E[1/alpha]
-      real(wp) :: acceptance_mean = 1.0_wp       !! E[alpha]
-      real(wp) :: acceptance_geometric = 1.0_wp  !! exp E[ln alpha]
       real(wp) :: seconds = 0.0_wp               !! processor time of the fit
       !> positive: signs of K(m), 'nonnegative', 'alternating' or 'mixed', or 'open' of a forecast
       !> that did not find them; else unallocated
@@ -95,6 +99,50 @@ module process_model
    end type process_model_type
 
 contains
+
+   !> Entropy rate of a Gaussian process, 0.5 ln(2 pi e b0^2) [nat]: limit of Eq. (37) per point.
+   !> With b0 = sigma_X it is that of white noise, Eq. (42), the largest one for this std.
+   elemental real(wp) function gaussian_entropy(b0) result(entropy)
+      real(wp), intent(in) :: b0   !! std of the innovations [unit of X]
+      real(wp), parameter :: log_two_pi_e = 1.0_wp + log(two_pi)
+
+      entropy = 0.5_wp*log_two_pi_e + log(b0)
+   end function gaussian_entropy
+
+   !> Fills the model of a positive process with this std by its law.
+   pure subroutine take_law(law, std, model)
+      class(process_moments), intent(in) :: law   !! moments of x/b0, but the entropy of x/std
+      real(wp), intent(in) :: std                 !! [unit of X]
+      type(process_model_type), intent(inout) :: model
+
+      model%process_moments = law
+      model%b0 = std/law%std
+      model%mean = model%b0*law%mean
+      model%mean_error = model%b0*law%mean_error
+      model%std = std
+      model%std_error = model%b0*law%std_error
+      model%entropy = law%entropy + log(std)
+      model%entropy_bound = gaussian_entropy(std)
+   end subroutine take_law
+
+   !> Adds to the model of a positive process the other law with the same a_q, b0 and mu.
+   pure subroutine take_other_law(law, model)
+      class(process_moments), intent(in) :: law   !! see `take_law`
+      type(process_model_type), intent(inout) :: model
+
+      model%other_mean = model%b0*law%mean
+      model%other_std = model%b0*law%std
+      model%other_l0 = law%l0
+      model%other_entropy = law%entropy + log(model%other_std)
+      if (model%request%sampler == 'exact') then
+         model%acceptance_ratio = law%acceptance_ratio
+         model%acceptance_mean = law%acceptance_mean
+         model%acceptance_geometric = law%acceptance_geometric
+      else
+         model%lambda = law%lambda
+         model%lambda_error = law%lambda_error
+      end if
+   end subroutine take_other_law
 
    !> Note on a process whose K(m) alternates or whose branch is not known yet; empty for others.
    pure function branch_note(model) result(note)
@@ -146,9 +194,8 @@ contains
 
    !> Label of the random streams of a process. It depends on the process alone, not on the rest of
    !> the scene.
-   pure function request_label(request) result(label)
+   pure integer(long) function request_label(request) result(label)
       type(process_request), intent(in) :: request
-      integer(long) :: label
 
       label = label_of(trim(request%method)//' '//trim(request%correlation)//' '// &
                        trim(request%sampler))

@@ -173,10 +173,9 @@ contains
    end function interval_of
 
    !> Length that is not imposed [lags].
-   pure function other_length(request, model) result(length)
+   pure real(wp) function other_length(request, model) result(length)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(in) :: model
-      real(wp) :: length
 
       if (request%method == 'direct') then
          length = merge(model%l1_cut, model%l0_cut, request%correlation == 'L0')

@@ -167,10 +167,9 @@ contains
    end subroutine draw_exact
 
    !> Cheaper method for the exact law. Needs coefficients, std, L0, memory and Lambda of the model.
-   pure function cheaper_drawing(model, n_points) result(drawing)
+   pure type(exact_drawing) function cheaper_drawing(model, n_points) result(drawing)
       type(process_model_type), intent(in) :: model   !! model of the exact law
       integer, intent(in) :: n_points
-      type(exact_drawing) :: drawing
       real(wp), parameter :: trial_cost = 1.5_wp   ! over that of a sweep
       real(wp) :: ln_windows
 
@@ -237,18 +236,16 @@ contains
    end subroutine draw_by_matrix
 
    !> Largest number of points in a margin, for the memory of the banded matrix.
-   pure function widest_margin(model) result(n)
+   pure integer function widest_margin(model) result(n)
       type(process_model_type), intent(in) :: model
-      integer :: n
       integer, parameter :: max_entries = 2**23   ! entries of the band of a margin: 64 MB
 
       n = max_entries/(1 + model%order)
    end function widest_margin
 
    !> Number of points after which a start is forgotten, by the largest pole.
-   pure function burn_in_length(model) result(n)
+   pure integer function burn_in_length(model) result(n)
       type(process_model_type), intent(in) :: model
-      integer :: n
       real(wp) :: largest
 
       n = model%order

@@ -8,8 +8,7 @@ module process_reference
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_random, only: stream_type
-   use process_entropy, only: gaussian_entropy
-   use process_model, only: process_model_type, process_request
+   use process_model, only: gaussian_entropy, process_model_type, process_request
    use process_positive_truncated_normal, only: draw_truncated, fit_truncated_normal, &
                                                 hazard_ratio, log_acceptance
    implicit none(type, external)

@@ -21,17 +21,12 @@ module process_scaling
 contains
 
    !> Request in the unit of the process: of mean 1 if it is positive, else of mean 0 and std 1. A
-   !> request whose mean or std is out of range stays as it is, and will be refused.
-   pure function scaled_request(request) result(unit)
+   !> request without a positive unit stays as it is.
+   pure type(process_request) function scaled_request(request) result(unit)
       type(process_request), intent(in) :: request
-      type(process_request) :: unit
-      logical :: is_scalable   ! mean and std are in range
 
       unit = request
-      is_scalable = request%std > 0.0_wp .and. request%std <= huge(1.0_wp) .and. &
-                    abs(request%mean) <= huge(1.0_wp)
-      if (request%positive) is_scalable = is_scalable .and. request%mean > 0.0_wp
-      if (.not. is_scalable) return
+      if (.not. unit_of(request) > 0.0_wp) return
       unit%mean = merge(1.0_wp, 0.0_wp, request%positive)
       unit%std = request%std/unit_of(request)
    end function scaled_request
@@ -103,9 +98,8 @@ contains
    end subroutine scale_table
 
    !> Unit of the process [unit of X].
-   pure function unit_of(request) result(unit)
+   pure real(wp) function unit_of(request) result(unit)
       type(process_request), intent(in) :: request
-      real(wp) :: unit
 
       unit = merge(request%mean, request%std, request%positive)
    end function unit_of

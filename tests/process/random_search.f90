@@ -11,7 +11,7 @@ module random_search
    use numerics_nlopt, only: minimization_problem, minimize
    use process_autoregressive_model, only: autocovariance_of, innovation_std
    use process_autoregressive_sums, only: correlation_sums, lag_sum_gradient, sum_correlation
-   use process_entropy, only: gaussian_entropy
+   use process_model, only: gaussian_entropy
    implicit none(type, external)
    private
    public :: ar_rival, find_rival
@@ -108,13 +108,13 @@ contains
    end subroutine entropy_lost
 
    !> Computes ln(length/wanted length) for each imposed length, and its gradient; `out_of_reach`
-   !> where too many lags count.
+   !> where K(m) does not fade within the reach.
    subroutine length_defect(self, x, values, jacobian)
       class(length_problem), intent(inout) :: self
       real(wp), intent(in) :: x(:)
       real(wp), intent(out) :: values(:)
       real(wp), optional, intent(out) :: jacobian(:, :)
-      real(wp), parameter :: negligible = 1.0e-10_wp   ! K(m)/K(0) that counts as 0 in a gradient
+      real(wp), parameter :: negligible = 1.0e-10_wp   ! K(m)/K(0) that counts as 0
       type(correlation_sums) :: sums
       type(error_type), allocatable :: error
       real(wp) :: length
@@ -124,12 +124,11 @@ contains
       values = out_of_reach
       if (present(jacobian)) jacobian = 0.0_wp
       reach = least_reach + int(reach_per_length*maxval(self%length))
-      call sum_correlation(tanh(x), sums, error, most_lags=reach)
+      allocate (rho(0:reach), source=autocovariance_of(tanh(x), reach))
+      last = max(size(x), findloc(abs(rho(1:)) > negligible, .true., 1, back=.true.))
+      if (last == reach) return
+      call sum_correlation(tanh(x), sums, error)
       if (allocated(error)) return
-      if (present(jacobian)) then
-         allocate (rho(0:reach), source=autocovariance_of(tanh(x), reach))
-         last = max(size(x), findloc(abs(rho(1:)) > negligible, .true., 1, back=.true.))
-      end if
       do i = 1, size(values)
          length = max(merge(sums%l0, sums%l1, self%correlation(i) == 'L0'), tiny(1.0_wp))
          values(i) = log(length/self%length(i))

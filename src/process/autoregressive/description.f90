@@ -8,8 +8,7 @@ module process_autoregressive_description
                                            reflection_of
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
    use process_correlation, only: correlation_length
-   use process_entropy, only: gaussian_entropy
-   use process_model, only: process_model_type
+   use process_model, only: gaussian_entropy, process_model_type
    implicit none(type, external)
    private
    public :: describe_ar

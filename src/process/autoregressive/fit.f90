@@ -21,8 +21,7 @@ module process_autoregressive_fit
    use process_autoregressive_model, only: coefficients_of, innovation_std
    use process_autoregressive_search, only: both_lengths_maximum, find_feasible_maximum
    use process_autoregressive_sums, only: correlation_sums, positive_gradient, sum_correlation
-   use process_entropy, only: gaussian_entropy
-   use process_model, only: lengths_of, process_model_type, process_request
+   use process_model, only: gaussian_entropy, lengths_of, process_model_type, process_request
    implicit none(type, external)
    private
    public :: fit_ar, nonnegative_reflection, optimal_reflection
@@ -48,11 +47,6 @@ contains
       real(wp), allocatable :: kappa(:)
       real(wp) :: length_error
 
-      if (.not. (request%std > 0.0_wp .and. request%std <= huge(1.0_wp))) then
-         call raise(error, exit_bad_input, 'std = '//to_text(request%std)// &
-                    ': must be finite and positive')
-         return
-      end if
       call optimal_reflection(request, kappa, error)
       if (allocated(error)) return
       call sum_correlation(kappa, sums, error)
@@ -134,10 +128,9 @@ contains
    end function nonnegative_reflection
 
    !> Largest relative error of the imposed lengths.
-   pure function length_error_of(request, sums) result(distance)
+   pure real(wp) function length_error_of(request, sums) result(distance)
       type(process_request), intent(in) :: request
       type(correlation_sums), intent(in) :: sums
-      real(wp) :: distance
 
       distance = abs(merge(sums%l1, sums%l0, request%correlation == 'L1') &
                      - request%correlation_length)/max(request%correlation_length, tiny(1.0_wp))
@@ -170,10 +163,6 @@ contains
                        ': poles come too near the unit circle')
             return
          end if
-         if (order < 1) then
-            call raise(error, exit_bad_input, 'order = '//to_text(order)//': must be at least 1')
-            return
-         end if
          allocate (kappa(order), source=0.0_wp)
          if (.not. length > 0.0_wp .and. request%correlation /= 'both') return   ! white noise
          select case (request%correlation)
@@ -181,7 +170,7 @@ contains
             kappa = equal_reflection(length, order)
          case ('L1')
             call match_l1(length, kappa)
-         case ('both')
+         case default
             if (order < 2 .or. .not. min(length, second) > 0.0_wp .or. second > longest_length) then
                call raise(error, exit_bad_input, 'second_length = '//to_text(second)// &
                           ', order = '//to_text(order)//': both lengths must be positive, at '// &
@@ -189,9 +178,6 @@ contains
                return
             end if
             call match_l1(second, kappa, log_one_plus(2.0_wp*length))
-         case default
-            call raise(error, exit_bad_input, "correlation = '"//trim(request%correlation)// &
-                       "': must be 'L0', 'L1' or 'both'")
          end select
       end associate
    end subroutine optimal_reflection
@@ -270,10 +256,9 @@ contains
    !> Residual of the optimality conditions: largest component of the entropy's gradient in
    !> atanh(kappa), which is -kappa, without its part along the gradients of the lengths; over the
    !> largest component of the whole gradient.
-   function optimality_residual(correlation, kappa) result(residual)
+   real(wp) function optimality_residual(correlation, kappa) result(residual)
       character(*), intent(in) :: correlation
       real(wp), intent(in) :: kappa(:)   !! coefficients with K(m) >= 0
-      real(wp) :: residual
       real(wp) :: slopes(2, size(kappa))
       integer :: first, last   ! numbers of the imposed lengths
 

@@ -50,10 +50,9 @@ contains
    end function reflection_of
 
    !> Scale b0 of the innovations: b0^2 = std^2 prod(1 - kappa^2).
-   pure function innovation_std(kappa, std) result(b0)
+   pure real(wp) function innovation_std(kappa, std) result(b0)
       real(wp), intent(in) :: kappa(:)
       real(wp), intent(in) :: std   !! sigma_Z
-      real(wp) :: b0
 
       b0 = std*sqrt(product((1.0_wp - kappa)*(1.0_wp + kappa)))
    end function innovation_std

@@ -15,7 +15,7 @@ module process_autoregressive_search
    use numerics_nlopt, only: minimization_problem, minimize
    use process_autoregressive_model, only: autocovariance_of, innovation_std
    use process_autoregressive_sums, only: correlation_sums, lag_sum_gradient, sum_correlation
-   use process_entropy, only: gaussian_entropy
+   use process_model, only: gaussian_entropy
    implicit none(type, external)
    private
    public :: both_lengths_maximum, find_feasible_maximum

@@ -32,24 +32,21 @@ module process_autoregressive_sums
    end type correlation_sums
 
    real(wp), parameter :: largest_remainder = 1.0e-18_wp     !! upper limit of the rest of the sum
-   integer, parameter :: max_lags = 20000000
+   integer, parameter :: max_lags = 20000000           !! lags of a sum: some seconds
    integer, parameter :: n_circles = 31                !! circles in Cauchy's estimate
 
 contains
 
-   !> Sums |K(m)| and m |K(m)| over all lags, K(0) = 1. Fails if more than `most_lags` lags are
+   !> Sums |K(m)| and m |K(m)| over all lags, K(0) = 1. Fails if more than `max_lags` lags are
    !> needed: with poles near the circle, of which the largest is not real.
-   subroutine sum_correlation(kappa, sums, error, most_lags)
+   subroutine sum_correlation(kappa, sums, error)
       real(wp), intent(in) :: kappa(:)   !! all inside (-1, 1)
       type(correlation_sums), intent(out) :: sums
       type(error_type), allocatable, intent(out) :: error
-      integer, optional, intent(in) :: most_lags   !! default `max_lags`: some seconds
       complex(wp), allocatable :: poles(:)
       real(wp) :: canonical_image(size(kappa)), n_certain, n_negligible
-      integer :: limit, order
+      integer :: order
 
-      limit = max_lags
-      if (present(most_lags)) limit = most_lags
       order = findloc(abs(kappa) > 0.0_wp, .true., dim=1, back=.true.)   ! 0: white noise
       sums%is_nonnegative = .true.
       if (order == 0) return
@@ -62,10 +59,10 @@ contains
       end if
       n_certain = first_lag_of_one_sign(canonical_image(:order), poles)
       n_negligible = first_negligible_lag(canonical_image(:order), poles)
-      if (.not. min(n_certain, n_negligible) < limit) then
+      if (.not. min(n_certain, n_negligible) < max_lags) then
          call raise(error, exit_no_solution, 'correlation length of an autoregressive process '// &
                     'of order '//to_text(order)//' with largest pole '//to_text(abs(poles(1)))// &
-                    ': more than '//to_text(limit)//' lags count')
+                    ': more than '//to_text(max_lags)//' lags count')
          return
       end if
       call sum_lags(canonical_image(:order), ceiling(min(n_certain, n_negligible)), &
@@ -85,9 +82,8 @@ contains
    end function log_spectral_ratios
 
    !> Correlation lengths of a process with K(m) >= 0 at every lag, by the closed forms.
-   pure function positive_sums(kappa) result(sums)
+   pure type(correlation_sums) function positive_sums(kappa) result(sums)
       real(wp), intent(in) :: kappa(:)
-      type(correlation_sums) :: sums
       real(wp) :: log_r(0:size(kappa))
 
       log_r = log_spectral_ratios(kappa)
@@ -128,10 +124,9 @@ contains
 
    !> Lag from which K(m) > 0: the residue of the largest pole, if it is real and positive, exceeds
    !> Cauchy's estimate of all others on a circle between it and them. Huge if there is none.
-   pure function first_lag_of_one_sign(kappa, poles) result(lag)
+   pure real(wp) function first_lag_of_one_sign(kappa, poles) result(lag)
       real(wp), intent(in) :: kappa(:)
       complex(wp), intent(in) :: poles(:)   !! poles by descending modulus
-      real(wp) :: lag
       real(wp) :: inner, largest, log_residue, radius
       integer :: i
 
@@ -154,10 +149,9 @@ contains
 
    !> Lag from which the sum of m |rho(m)| is below `largest_remainder`. Huge if a pole is on the
    !> circle.
-   pure function first_negligible_lag(kappa, poles) result(lag)
+   pure real(wp) function first_negligible_lag(kappa, poles) result(lag)
       real(wp), intent(in) :: kappa(:)
       complex(wp), intent(in) :: poles(:)
-      real(wp) :: lag
       real(wp) :: bound, n, radius
       integer :: i, pass
 
@@ -178,10 +172,9 @@ contains
 
    !> ln of a bound of |b0^2/(A(1/z) A(z))| on |z| = radius. Times radius**m it bounds |rho(m)|, or
    !> the part of it by the poles inside this circle.
-   pure function log_bound(kappa, poles, radius) result(bound)
+   pure real(wp) function log_bound(kappa, poles, radius) result(bound)
       real(wp), intent(in) :: kappa(:), radius
       complex(wp), intent(in) :: poles(:)
-      real(wp) :: bound
 
       bound = 2.0_wp*log(innovation_std(kappa, 1.0_wp)) &
               - sum(log(abs(1.0_wp - abs(poles)/radius))) - sum(log(1.0_wp - abs(poles)*radius))

@@ -5,7 +5,7 @@ module process_direct_constraint
    use process_model, only: process_request
    implicit none(type, external)
    private
-   public :: length_constraint, constraint_of, new_constraint
+   public :: length_constraint, constraint_of
 
    !> Eq. (11): sum a_m |K(m)| = 0.
    type :: length_constraint
@@ -18,25 +18,16 @@ module process_direct_constraint
 contains
 
    !> Constraint of a request of the direct method.
-   pure function constraint_of(request) result(constraint)
+   pure type(length_constraint) function constraint_of(request) result(constraint)
       type(process_request), intent(in) :: request
-      type(length_constraint) :: constraint
-
-      constraint = new_constraint(constraint_weights(request%correlation, &
-                                                     request%correlation_length, request%order))
-   end function constraint_of
-
-   !> Constraint with given weights.
-   pure function new_constraint(weights) result(constraint)
-      real(wp), intent(in) :: weights(0:)   !! a_m, m = 0..m_max, Eqs. (13), (14)
-      type(length_constraint) :: constraint
       integer :: m
 
-      constraint%m_max = ubound(weights, 1)
-      allocate (constraint%weights(0:constraint%m_max))
-      constraint%weights(:) = weights
-      constraint%rewarded = pack([(m, m=1, constraint%m_max)], weights(1:) < 0.0_wp)
-      constraint%penalized = pack([(m, m=1, constraint%m_max)], weights(1:) > 0.0_wp)
-   end function new_constraint
+      constraint%m_max = request%order
+      allocate (constraint%weights(0:request%order))
+      constraint%weights(:) = constraint_weights(request%correlation, request%correlation_length, &
+                                                 request%order)
+      constraint%rewarded = pack([(m, m=1, request%order)], constraint%weights(1:) < 0.0_wp)
+      constraint%penalized = pack([(m, m=1, request%order)], constraint%weights(1:) > 0.0_wp)
+   end function constraint_of
 
 end module process_direct_constraint

@@ -13,8 +13,8 @@ module process_direct_fit
    use process_autoregressive_sums, only: positive_sums
    use process_correlation, only: constraint_weights, correlation_length
    use process_direct_constraint, only: constraint_of, length_constraint
-   use process_direct_limits, only: certainly_infeasible_m_max, find_complaint, reason_of_failure, &
-                                    reason_of_inaccuracy
+   use process_direct_limits, only: certainly_infeasible_m_max, check_sign_count, &
+                                    reason_of_failure, reason_of_inaccuracy
    use process_direct_sign_search, only: count_sequences, is_all_plus_best, limit_of_entropy, &
                                          search_all_signs, search_result, search_structured
    use process_direct_sign_sequence, only: sequence_solution
@@ -60,7 +60,7 @@ contains
       logical :: is_certain
 
       model%request = request
-      call find_complaint(request, model%reason)
+      call check_sign_count(request, model%reason)
       if (allocated(model%reason)) return
       if (request%order <= certainly_infeasible_m_max(request)) then
          model%reason = reason_of_failure(request, is_certain=.true.)
@@ -75,15 +75,15 @@ contains
    end subroutine fit_direct
 
    !> Number of parts into which the search of a request should be divided; 1 if it is short.
-   function count_parts(request) result(n)
+   integer function count_parts(request) result(n)
       type(process_request), intent(in) :: request
-      integer :: n
       integer, parameter :: part_size = 1024   ! sequences, in some 0.05 s
       character(:), allocatable :: complaint
 
       n = 1
-      if (request%method /= 'direct' .or. request%positive .or. .not. request%all_signs) return
-      call find_complaint(request, complaint)
+      if (request%method /= 'direct' .or. request%positive .or. .not. request%all_signs .or. &
+          abs(request%correlation_length) <= 0.0_wp) return
+      call check_sign_count(request, complaint)
       if (allocated(complaint)) return
       if (request%order <= certainly_infeasible_m_max(request)) return
       n = int(max(1_long, count_sequences(constraint_of(request))/part_size))
@@ -214,10 +214,9 @@ contains
    !> lambda_3 = 1/(2 sigma^2), and of the entries of G over g_0, Eqs. (23), (28) and (30):
    !> g_0 = 1 + delta a_0 (a factor 2 is missing in print) and g_m = delta a_m s_m/2, with
    !> s_m = sgn K(m), or any s_m in [-1, 1] if K(m) = 0.
-   pure function residual(request, solution) result(largest)
+   pure real(wp) function residual(request, solution) result(largest)
       type(process_request), intent(in) :: request
       type(sequence_solution), intent(in) :: solution
-      real(wp) :: largest
       real(wp), parameter :: zero = 1.0e-9_wp   ! K(m)/K(0) that counts as 0
       real(wp), dimension(size(solution%s)) :: kappa, signs
       real(wp), dimension(0:size(signs)) :: rho, symbol, wanted, weights
@@ -237,9 +236,8 @@ contains
    end function residual
 
    !> Solution or its mirror image, whichever has K(m) > 0 at the first odd lag where it is not 0.
-   pure function canonical_image(solution) result(image)
+   pure type(sequence_solution) function canonical_image(solution) result(image)
       type(sequence_solution), intent(in) :: solution
-      type(sequence_solution) :: image
       real(wp), parameter :: zero = 1.0e-9_wp
       integer :: first
 
@@ -250,9 +248,8 @@ contains
    end function canonical_image
 
    !> Solution with (-1)^m K(m).
-   pure function mirror_image(solution) result(image)
+   pure type(sequence_solution) function mirror_image(solution) result(image)
       type(sequence_solution), intent(in) :: solution
-      type(sequence_solution) :: image
 
       image = solution
       image%s(1::2) = -image%s(1::2)
@@ -261,9 +258,8 @@ contains
    end function mirror_image
 
    !> Sign as an integer; 0 if K(m) = 0, with s_m inside (-1, 1).
-   elemental function integer_signs(s) result(signs)
+   elemental integer function integer_signs(s) result(signs)
       real(wp), intent(in) :: s
-      integer :: signs
 
       signs = merge(nint(sign(1.0_wp, s)), 0, abs(s) > 1.0_wp - 1.0e-9_wp)
    end function integer_signs

@@ -11,7 +11,7 @@ module process_direct_limits
    use process_model, only: process_request
    implicit none(type, external)
    private
-   public :: find_complaint, reason_of_failure, reason_of_inaccuracy
+   public :: check_sign_count, reason_of_failure, reason_of_inaccuracy
    public :: certainly_feasible_m_max, certainly_infeasible_m_max
 
    character(*), parameter :: too_near = &
@@ -19,35 +19,23 @@ module process_direct_limits
 
 contains
 
-   !> Finds the first invalid value of a request and says what is allowed; unallocated if there is
-   !> none.
-   subroutine find_complaint(request, complaint)
+   !> Checks the number of sequences of signs, if all of them are to be solved; `complaint` is
+   !> unallocated if they are not too many.
+   subroutine check_sign_count(request, complaint)
       type(process_request), intent(in) :: request
       character(:), allocatable, intent(out) :: complaint
       integer(long) :: most, n
 
-      if (request%correlation /= 'L0' .and. request%correlation /= 'L1') then
-         complaint = "correlation = '"//trim(request%correlation)//"': must be 'L0' or 'L1'"
-      else if (request%order < 1) then
-         complaint = 'order = '//to_text(request%order)// &
-                     ': m_max of the direct method must be at least 1'
-      else if (.not. (request%correlation_length > 0.0_wp .and. &
-                      request%correlation_length <= huge(1.0_wp))) then
-         complaint = 'correlation_length = '//to_text(request%correlation_length)// &
-                     ': must be finite and positive'
-      else if (.not. (request%std > 0.0_wp .and. request%std <= huge(1.0_wp))) then
-         complaint = 'std = '//to_text(request%std)//': must be finite and positive'
-      else if (request%all_signs) then
-         n = count_sequences(constraint_of(request))
-         most = 2_long**30   ! half a day of a processor
-         if (request%positive) then   ! each is sampled, and its mirror image too
-            n = 2*n
-            most = 2_long**11
-         end if
-         if (n > most) complaint = named(request)//': all_signs = .true. would solve '// &
-            to_text(n)//' sequences of signs: must be at most '//to_text(most)
+      if (.not. request%all_signs) return
+      n = count_sequences(constraint_of(request))
+      most = 2_long**30   ! half a day of a processor
+      if (request%positive) then   ! each is sampled, and its mirror image too
+         n = 2*n
+         most = 2_long**11
       end if
-   end subroutine find_complaint
+      if (n > most) complaint = named(request)//': all_signs = .true. would solve '// &
+         to_text(n)//' sequences of signs: must be at most '//to_text(most)
+   end subroutine check_sign_count
 
    !> Reason why there is no solution, with a feasible m_max.
    function reason_of_failure(request, is_certain) result(reason)
@@ -137,18 +125,13 @@ contains
    !> Order m_max up to which there is no solution.
    pure integer function certainly_infeasible_m_max(request) result(m_max)
       type(process_request), intent(in) :: request
-      real(wp) :: shortest
-      integer :: lag
+      real(wp) :: b   ! n lags more suffice if n^2 - b n > 2 L1
 
-      associate (length => request%correlation_length)
-         m_max = floor(min(length, merge(1.0e9_wp, 0.4e9_wp, request%correlation == 'L0')))
+      associate (length => min(request%correlation_length, 0.4e9_wp))
+         m_max = floor(length)
          if (request%correlation == 'L0') return
-         shortest = 0.0_wp   ! the sum with all |K(m)| = K(0)
-         do lag = m_max + 1, m_max + 100000
-            shortest = shortest + lag - length
-            if (shortest > length) exit
-            m_max = lag
-         end do
+         b = 2.0_wp*(length - m_max) - 1.0_wp
+         m_max = m_max + floor(0.5_wp*(b + sqrt(b**2 + 8.0_wp*length)))
       end associate
    end function certainly_infeasible_m_max
 

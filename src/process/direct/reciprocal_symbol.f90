@@ -26,13 +26,16 @@ module process_direct_reciprocal_symbol
 
 contains
 
-   !> Evaluates 1/g, and the mean of ln g with its derivatives.
+   !> Evaluates 1/g, and the mean of ln g with its derivatives, by the changes of B along the
+   !> directions.
    pure subroutine evaluate_symbol(symbol, directions, evaluation)
       real(wp), intent(in) :: symbol(0:)           !! g_m, m = 0..m_max
       real(wp), intent(in) :: directions(0:, 0:)   !! (m, direction) m = 0..m_max
       type(symbol_evaluation), intent(inout) :: evaluation   !! earlier evaluation nearby, or new
-      real(wp) :: reciprocal(0:2*ubound(symbol, 1))
-      integer :: last, m_max
+      real(wp) :: change(0:ubound(symbol, 1), 0:ubound(directions, 2))
+      real(wp) :: reciprocal(0:2*ubound(symbol, 1))   ! coefficients of 1/g
+      real(wp) :: toeplitz(0:ubound(symbol, 1), 0:ubound(symbol, 1))   ! matrix of the reciprocal
+      integer :: j, last, m_max
 
       m_max = ubound(symbol, 1)
       last = ubound(directions, 2)
@@ -48,41 +51,26 @@ contains
                    evaluation%curvature(0:last, 0:last))
       evaluation%reciprocal(:) = reciprocal(:m_max)
       evaluation%log_mean = -2.0_wp*log(evaluation%b0)
-      call differentiate([1.0_wp, evaluation%a]/evaluation%b0, reciprocal, directions, evaluation)
-   end subroutine evaluate_symbol
-
-   !> Computes gradient and curvature by the changes of B along the directions.
-   pure subroutine differentiate(factor, reciprocal, directions, evaluation)
-      real(wp), intent(in) :: factor(0:)       !! B
-      real(wp), intent(in) :: reciprocal(0:)   !! coefficients of 1/g to lag 2 m_max
-      real(wp), intent(in) :: directions(0:, 0:)
-      type(symbol_evaluation), intent(inout) :: evaluation
-      real(wp) :: change(0:ubound(factor, 1), 0:ubound(directions, 2))
-      real(wp) :: toeplitz(0:ubound(factor, 1), 0:ubound(factor, 1))   ! matrix of the reciprocal
-      integer :: j, m_max
-
-      m_max = ubound(factor, 1)
       do j = 0, m_max
          toeplitz(:, j) = [reciprocal(j:1:-1), reciprocal(:m_max - j)]
       end do
-      do j = 0, ubound(directions, 2)
-         associate (symbol => directions(:, j))
-            change(:, j) = change_of_factor(factor, reciprocal, symbol)
-            evaluation%gradient(j) = symbol(1)*reciprocal(0) + &   ! mean of symbol/g
-                                     2.0_wp*dot_product(symbol(2:), reciprocal(1:m_max))
+      do j = 0, last
+         associate (along => directions(:, j))
+            change(:, j) = change_of_factor([1.0_wp, evaluation%a]/evaluation%b0, reciprocal, along)
+            evaluation%gradient(j) = along(1)*reciprocal(0) + &   ! mean of along/g
+                                     2.0_wp*dot_product(along(2:), reciprocal(1:m_max))
          end associate
       end do
       evaluation%curvature(:, :) = 2.0_wp*matmul(transpose(change), matmul(toeplitz, change))
-      do j = 0, ubound(directions, 2)
+      do j = 0, last
          evaluation%curvature(:, j) = evaluation%curvature(:, j) &
                                       + 0.5_wp*evaluation%gradient*evaluation%gradient(j)
       end do
-   end subroutine differentiate
+   end subroutine evaluate_symbol
 
    !> Smallest delta at which 1 + delta A(t) is zero somewhere; huge if A is nowhere negative.
-   pure function touching_multiplier(along) result(delta)
+   pure real(wp) function touching_multiplier(along) result(delta)
       real(wp), intent(in) :: along(0:)   !! symbol of A
-      real(wp) :: delta
       real(wp), allocatable :: cosine(:)
       real(wp) :: bend, lowest, t
       integer :: j, lag(ubound(along, 1)), m, n, step

@@ -11,7 +11,7 @@
 module process_direct_sign_search
    use core_kinds, only: long, pi, wp
    use numerics_sorting, only: sort_order
-   use process_direct_constraint, only: length_constraint, new_constraint
+   use process_direct_constraint, only: length_constraint
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    implicit none(type, external)
    private
@@ -32,17 +32,15 @@ module process_direct_sign_search
 contains
 
    !> Number of sequences, without mirror images.
-   pure function count_sequences(constraint) result(n)
+   pure integer(long) function count_sequences(constraint) result(n)
       type(length_constraint), intent(in) :: constraint
-      integer(long) :: n
 
       n = shiftl(1_long, min(size(searched_positions(constraint)), 62))
    end function count_sequences
 
    !> True if all signs + are proven to have the largest entropy.
-   pure function is_all_plus_best(constraint) result(is_best)
+   pure logical function is_all_plus_best(constraint) result(is_best)
       type(length_constraint), intent(in) :: constraint
-      logical :: is_best
 
       is_best = size(constraint%penalized) == 0
    end function is_all_plus_best
@@ -142,7 +140,9 @@ contains
       type(sequence_solution) :: solution
       integer :: i
 
-      relaxed = new_constraint([constraint%weights(0), min(constraint%weights(1:), 0.0_wp)])
+      relaxed = constraint
+      relaxed%weights(1:) = min(constraint%weights(1:), 0.0_wp)
+      relaxed%penalized = [integer ::]
       call solve_sequence(relaxed, [(1, i=1, size(relaxed%rewarded))], solution)
       entropy = merge(solution%entropy, -huge(1.0_wp), solution%is_feasible)
    end subroutine limit_of_entropy

@@ -17,7 +17,7 @@ module process_direct_sign_sequence
    use process_direct_reciprocal_symbol, only: evaluate_symbol, symbol_evaluation, &
                                                touching_multiplier
    use process_direct_touching_symbol, only: solve_touching
-   use process_entropy, only: gaussian_entropy
+   use process_model, only: gaussian_entropy
    implicit none(type, external)
    private
    public :: sequence_solution, solve_sequence
@@ -178,10 +178,9 @@ contains
    end subroutine evaluate
 
    !> True if g stays positive along x to any distance, with free lags: then D has no maximum.
-   pure function has_no_maximum(constraint, state)
+   pure logical function has_no_maximum(constraint, state)
       type(length_constraint), intent(in) :: constraint
       type(maximization), intent(in) :: state
-      logical :: has_no_maximum
 
       associate (growth => constraint%weights(0)*state%x(0))
          has_no_maximum = size(state%free) > 0 .and. growth > 10.0_wp   ! not before

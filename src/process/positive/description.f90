@@ -5,14 +5,13 @@ module process_positive_description
    use core_kinds, only: wp
    use numerics_roots, only: find_polynomial_roots
    use process_correlation, only: correlation_length
-   use process_entropy, only: gaussian_entropy
-   use process_model, only: process_model_type, process_request
+   use process_model, only: process_model_type, process_request, take_law, take_other_law
    use process_positive_objective, only: sampled_objective
    use process_positive_problem, only: is_out_of_reach
    use process_positive_refinement, only: error_of_runs, shape_uncertainty
    use process_positive_sequential, only: memory_of
    use process_positive_signs, only: require_signs
-   use process_positive_truncated_normal, only: lanes, log_sqrt_two_pi
+   use process_positive_truncated_normal, only: lanes
    implicit none(type, external)
    private
    public :: compare_laws, describe_far_from_zero, describe_solution, describe_evaluation
@@ -44,8 +43,8 @@ contains
 
       model%request = search%problem%request
       model%order = model%request%order
-      model%std = model%request%std
-      model%b0 = model%std/search%last%moments%std
+      call search%find_entropy()
+      call take_law(search%last%moments, model%request%std, model)
       associate (last => search%last)
          if (allocated(last%a)) then
             model%a = last%a
@@ -57,19 +56,8 @@ contains
             model%mu = model%b0*last%field/(last%g(0) + 2.0_wp*sum(last%g(1:)))
          end if
       end associate
-      model%l0 = search%last%moments%l0
-      model%l0_error = search%last%moments%l0_error
-      model%l1 = search%last%moments%l1
-      model%l1_error = search%last%moments%l1_error
-      model%mean = model%b0*search%last%moments%mean
-      model%mean_error = model%b0*search%last%moments%mean_error
-      model%std_error = model%b0*search%last%moments%std_error
       model%memory = search%problem%memory
       model%branch = branch_of(search%signs(1:))
-      call search%find_entropy(model%entropy, model%entropy_error)
-      model%entropy = model%entropy + log(model%b0)
-      model%entropy_bound = gaussian_entropy(model%std)
-      call set_acceptances(search, model)
    end subroutine describe_evaluation
 
    !> Name of the branch with these signs of K(m), m = 1..
@@ -111,9 +99,8 @@ contains
 
    !> Standard error of the largest entropy [nat]: that of the law's entropy, and of its ratio and
    !> length, which are the wanted ones on the simulated values only. Both come from the same runs.
-   function error_of_maximum(search) result(standard_error)
+   real(wp) function error_of_maximum(search) result(standard_error)
       type(sampled_objective), intent(in) :: search   !! its entropy was found
-      real(wp) :: standard_error
       real(wp), allocatable :: residual(:)
 
       associate (from => search%last%moments%residuals, moments => search%last%moments)
@@ -165,7 +152,7 @@ contains
       integer, parameter :: most_sweeps = 10000   ! sweeps of a burn-in: some seconds
       type(sampled_objective) :: other
       real(wp), allocatable :: state(:)
-      real(wp) :: field, unused
+      real(wp) :: field
       logical :: is_inside
 
       other = search
@@ -180,28 +167,8 @@ contains
       call other%evaluate(other%point, state, is_inside)
       if (.not. is_inside) return
       other%n_steps = entropy_steps
-      call other%find_entropy(model%other_entropy, unused)
-      model%other_entropy = model%other_entropy + log(model%b0)
-      model%other_mean = model%b0*other%last%moments%mean
-      model%other_std = model%b0*other%last%moments%std
-      model%other_l0 = other%last%moments%l0
-      call set_acceptances(other, model)
+      call other%find_entropy()
+      call take_other_law(other%last%moments, model)
    end subroutine compare_laws
-
-   !> Sets Lambda of the exact law, or the three acceptances of one-at-a-time rejection.
-   subroutine set_acceptances(search, model)
-      type(sampled_objective), intent(in) :: search   !! its entropy was found
-      type(process_model_type), intent(inout) :: model
-
-      if (.not. search%problem%is_exact) then
-         model%acceptance_ratio = search%last%moments%acceptance_ratio
-         model%acceptance_mean = search%last%moments%acceptance_mean
-         model%acceptance_geometric = search%last%moments%acceptance_geometric
-      else if (.not. (allocated(model%g) .or. search%problem%decay > 0.0_wp)) then
-         model%lambda = exp(max(search%psi - log_sqrt_two_pi &
-                                - 0.5_wp*search%last%field*model%mu/model%b0, log(tiny(1.0_wp))))
-         model%lambda_error = model%lambda*search%psi_error
-      end if
-   end subroutine set_acceptances
 
 end module process_positive_description

@@ -21,7 +21,7 @@ module process_positive_exact
    implicit none(type, external)
    private
    public :: sweeps_to_forget, sample_exact, draw_window
-   public :: log_partition, entropy_of_exact_law
+   public :: log_partition
 
    real(wp), parameter :: between_nodes = 1.0e-6_wp   !! error of the integration at L0 = 10
 
@@ -43,11 +43,10 @@ contains
 
    !> Sweeps after which the weight of a start is below `tolerance`, at the rate of the Gaussian law
    !> of this variance and length: the smallest over the mean of 1/(power spectral density).
-   pure function sweeps_to_forget(strength, l0, tolerance) result(n)
+   pure integer function sweeps_to_forget(strength, l0, tolerance) result(n)
       real(wp), intent(in) :: strength   !! G_0 K(0)
       real(wp), intent(in) :: l0         !! [lags]
       real(wp), intent(in) :: tolerance
-      integer :: n
       real(wp) :: smallest
 
       smallest = 1.0_wp/(max(1.0_wp, strength)*(1.0_wp + 2.0_wp*l0))
@@ -75,7 +74,7 @@ contains
 
       batches%centre = centre
       ring = new_ring(g, field, centre, ring_length, max(batches%n_lags, ubound(g, 1)), .false.)
-      ring%h = symbol_of_process(companion, 1.0_wp)
+      allocate (ring%h(0:size(companion)), source=symbol_of_process(companion, 1.0_wp))
       ring%y = ring%d
       do sweep = 1, n_burn_in
          call redraw_ring(ring, stream)
@@ -118,13 +117,13 @@ contains
       end do
    end subroutine draw_window
 
-   pure function new_ring(g, field, centre, length, history, is_wound) result(ring)
+   pure type(ring_type) function new_ring(g, field, centre, length, history, is_wound) result(ring)
       real(wp), intent(in) :: g(0:), field, centre
       integer, intent(in) :: length, history
       logical, intent(in) :: is_wound
-      type(ring_type) :: ring
 
-      ring = ring_type(length, history, is_wound, field, centre, g)
+      ring = ring_type(length, history, is_wound, field, centre)
+      allocate (ring%g(0:ubound(g, 1)), source=g)
       allocate (ring%d(lanes, 1 - history:length + ubound(g, 1)), source=0.0_wp)
       allocate (ring%u(lanes*length))
    end function new_ring
@@ -134,39 +133,27 @@ contains
    subroutine redraw_ring(ring, stream)
       type(ring_type), intent(inout) :: ring
       type(stream_type), intent(inout) :: stream
+      real(wp) :: c(lanes), drawn(lanes), factor(lanes), hazard(lanes), pull, scale
+      integer :: i, order
 
       call stream%uniforms(ring%u)
-      ! h and y that are not allocated are absent arguments
-      call redraw_lanes(ring%history, ring%is_wound, ring%field, ring%centre, ring%g, ring%u, &
-                        ring%d, ring%h, ring%y)
+      order = ubound(ring%g, 1)
+      associate (length => ring%length, history => ring%history, g => ring%g)
+         scale = 1.0_wp/sqrt(g(0))
+         pull = ring%field - 2.0_wp*ring%centre*sum(g(1:))
+         do i = 1, length
+            c = scale*(pull - neighbour_sum(order, g, ring%d(:, i - order:i + order)))
+            call draw_truncated_lanes(c, ring%u(lanes*(i - 1) + 1:lanes*i), drawn, hazard, factor)
+            call store_value(length, order, history, ring%is_wound, i, scale*drawn - ring%centre, &
+                             ring%d)
+            if (.not. allocated(ring%y)) cycle
+            drawn = (drawn - c - hazard)/sqrt(truncated_variance(c, hazard))
+            drawn = drawn/sqrt(ring%h(0)) - neighbour_sum(order, ring%h, &
+                                                          ring%y(:, i - order:i + order))/ring%h(0)
+            call store_value(length, order, history, ring%is_wound, i, drawn, ring%y)
+         end do
+      end associate
    end subroutine redraw_ring
-
-   pure subroutine redraw_lanes(history, is_wound, field, centre, g, u, d, h, y)
-      integer, intent(in) :: history
-      logical, intent(in) :: is_wound
-      real(wp), intent(in) :: field, centre
-      real(wp), intent(in), contiguous :: g(0:), u(:)
-      real(wp), intent(inout) :: d(lanes, 1 - history:size(u)/lanes + size(g) - 1)
-      real(wp), intent(in), optional :: h(0:size(g) - 1)
-      real(wp), intent(inout), optional :: y(lanes, 1 - history:size(u)/lanes + size(g) - 1)
-      real(wp) :: c(lanes), drawn(lanes), factor(lanes), hazard(lanes), pull, scale
-      integer :: i, length, order
-
-      length = size(u)/lanes
-      order = ubound(g, 1)
-      scale = 1.0_wp/sqrt(g(0))
-      pull = field - 2.0_wp*centre*sum(g(1:))
-      do i = 1, length
-         c = scale*(pull - neighbour_sum(order, g, d(:, i - order:i + order)))
-         call draw_truncated_lanes(c, u(lanes*(i - 1) + 1:lanes*i), drawn, hazard, factor)
-         call store_value(length, order, history, is_wound, i, scale*drawn - centre, d)
-         if (.not. present(y)) cycle
-         drawn = (drawn - c - hazard)/sqrt(truncated_variance(c, hazard))
-         call store_value(length, order, history, is_wound, i, &
-                          drawn/sqrt(h(0)) &
-                          - neighbour_sum(order, h, y(:, i - order:i + order))/h(0), y)
-      end do
-   end subroutine redraw_lanes
 
    !> Sum of G_k (x_(i+k) + x_(i-k)).
    pure function neighbour_sum(order, g, x) result(total)
@@ -260,14 +247,5 @@ contains
       end subroutine sample_slope
 
    end subroutine log_partition
-
-   !> Entropy per point of x/b0 [nat], by E[x_i (G (x - mu))_i] = 1: Eq. (43) with its factor 1/2.
-   elemental function entropy_of_exact_law(psi, field, mean) result(entropy)
-      real(wp), intent(in) :: psi, field
-      real(wp), intent(in) :: mean   !! E[x]/b0
-      real(wp) :: entropy
-
-      entropy = psi + 0.5_wp - 0.5_wp*field*mean
-   end function entropy_of_exact_law
 
 end module process_positive_exact

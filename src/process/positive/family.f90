@@ -186,9 +186,8 @@ contains
    end function face_distances
 
    !> True if the sequential law stays finite: x_n = max(0, - sum a_q x_(n-q)) does not grow.
-   pure function is_confined_sequence(a) result(is_so)
+   pure logical function is_confined_sequence(a) result(is_so)
       real(wp), intent(in) :: a(:)   !! a_q, Eq. (39)
-      logical :: is_so
       integer, parameter :: n_starts = 4
       real(wp), parameter :: growth = 1.01_wp
       real(wp) :: x(1 - size(a):12*size(a) + 180)
@@ -210,9 +209,8 @@ contains
 
    !> True if the exact law, Eq. (25), stays finite: descent along one value of a ring after the
    !> other finds no x >= 0 with x'Gx < 0.
-   pure function is_confined_law(g) result(is_so)
+   pure logical function is_confined_law(g) result(is_so)
       real(wp), intent(in) :: g(0:)   !! row of G
-      logical :: is_so
       integer, parameter :: n_starts = 4, n_sweeps = 40
       real(wp), parameter :: rounding = 1.0e-4_wp
       real(wp), allocatable :: x(:)

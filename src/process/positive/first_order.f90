@@ -9,8 +9,8 @@ module process_positive_first_order
    use core_text, only: to_text
    use numerics_roots, only: root_search
    use process_correlation, only: correlation_length
-   use process_entropy, only: gaussian_entropy
-   use process_model, only: positive_name, process_model_type, process_request
+   use process_model, only: lengths_of, positive_name, process_model_type, process_request, &
+                            take_law, take_other_law
    use process_positive_kernel, only: first_order_law, new_first_order_law
    use process_positive_sequential, only: memory_of
    use process_positive_truncated_normal, only: fit_truncated_normal
@@ -31,9 +31,8 @@ module process_positive_first_order
    !> the outer one is - ln of the relative excess of -r over that of the Gaussian process of the
    !> wanted length, the inner one the field.
    type :: branch_type
-      character(:), allocatable :: correlation
-      real(wp) :: length = 0.0_wp
-      logical :: is_sequential = .false., is_alternating = .false.
+      type(process_request) :: request
+      logical :: is_alternating = .false.
       real(wp) :: outer = 0.0_wp
    end type branch_type
 
@@ -47,12 +46,8 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(error_type), allocatable :: failure
       character(:), allocatable :: reason
-      real(wp) :: farther, limit, mu, sigma, wanted
+      real(wp) :: farther, limit, wanted
 
-      if (.not. (request%mean > 0.0_wp .and. request%std > 0.0_wp)) then   ! raises its error
-         call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
-         return
-      end if
       wanted = request%std/request%mean
       limit = least_limit
       if (wanted > least_limit) call find_limit(request, .false., limit, error)
@@ -90,8 +85,7 @@ contains
       real(wp) :: excess, inner, mu, reached, sigma, unresolved
       integer :: step
 
-      call new_branch(request, is_alternating, branch, error)
-      if (allocated(error)) return
+      branch = branch_type(request, is_alternating)
       if (is_alternating) then
          branch%outer = -log(0.7_wp)
          inner = 2.0_wp
@@ -100,7 +94,7 @@ contains
          if (allocated(error)) return
          branch%outer = mu/sigma
          if (mu < 0.0_wp) branch%outer = -log(1.0_wp - mu/sigma)   ! see `stretched`
-         inner = log(branch%length)
+         inner = log(request%correlation_length)
       end if
       search%step = merge(0.5_wp, 0.1_wp, is_alternating)
       reached = 0.0_wp
@@ -138,18 +132,16 @@ contains
       real(wp) :: inner
 
       limit = huge(1.0_wp)
-      call new_branch(request, is_alternating, branch, error)
-      if (allocated(error)) return
-      branch%outer = -farthest
-      inner = log(branch%length)
+      branch = branch_type(request, is_alternating, -farthest)
+      inner = log(request%correlation_length)
       if (is_alternating) then
-         associate (scale => farthest + log(-gaussian_r(branch)))   ! ln -r
+         associate (scale => farthest + log(-gaussian_r(request)))   ! ln -r
             call evaluate(branch, 0.5_wp*(strongest - scale), law, error)
             if (allocated(error)) return
-            if (length_of(law, branch%correlation) <= branch%length) return
+            if (length_of(law, request%correlation) <= request%correlation_length) return
             inner = 0.5_wp*(inner - scale)
          end associate
-      else if (branch%is_sequential) then   ! minus ln of minus the field is 0.5 ln length
+      else if (request%sampler == 'sequential') then   ! -ln of minus the field is 0.5 ln length
          inner = 2.0_wp*farthest + inner
       else                                  ! or, as the length grows, 1.5 ln length
          inner = (farthest + max(0.5_wp*inner, 1.5_wp*inner + 0.6_wp))/1.5_wp
@@ -166,25 +158,9 @@ contains
       text = to_text(floor(1.0e4_wp*limit)/1.0e4_wp)
    end function rounded_down
 
-   subroutine new_branch(request, is_alternating, branch, error)
-      type(process_request), intent(in) :: request
-      logical, intent(in) :: is_alternating
-      type(branch_type), intent(out) :: branch
-      type(error_type), allocatable, intent(out) :: error
-
-      branch%correlation = trim(request%correlation)
-      branch%length = request%correlation_length
-      branch%is_sequential = request%sampler == 'sequential'
-      branch%is_alternating = is_alternating
-      if (branch%length > longest_first_order) &
-         call raise(error, exit_no_solution, positive_name(request)//': lengths up to '// &
-                    to_text(longest_first_order)//' can be resolved')
-   end subroutine new_branch
-
    !> Parameter that grows as exp below zero, so that a search reaches any limit in few doublings.
-   elemental function stretched(parameter) result(value)
+   elemental real(wp) function stretched(parameter) result(value)
       real(wp), intent(in) :: parameter
-      real(wp) :: value
 
       value = parameter
       if (parameter < 0.0_wp) value = 1.0_wp - exp(min(-parameter, farthest))
@@ -207,10 +183,10 @@ contains
          last = trial
          call evaluate(branch, trial, law, error)
          if (allocated(error)) return
-         length = length_of(law, branch%correlation)
+         length = length_of(law, branch%request%correlation)
          excess = -1.0_wp
          if (.not. length > 0.0_wp) exit   ! nodes do not resolve the process
-         excess = log(length/branch%length)
+         excess = log(length/branch%request%correlation_length)
          if (abs(excess) > length_tolerance) call search%advance(trial, excess)
          if (abs(excess) <= length_tolerance .or. .not. abs(trial - last) > spacing(last)) then
             inner = last
@@ -219,8 +195,7 @@ contains
          if (abs(trial) > widest) exit
       end do
       call raise(error, exit_no_solution, 'positive process of order 1: the search ended '// &
-                 to_text(excess)//' (relative) from '//branch%correlation//' = '// &
-                 to_text(branch%length))
+                 to_text(excess)//' (relative) from '//lengths_of(branch%request))
    end subroutine match_length
 
    !> Computes the law of a branch at an inner parameter.
@@ -230,26 +205,33 @@ contains
       type(first_order_law), intent(out) :: law
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: field, r, slack
+      logical :: is_sequential
 
+      if (branch%request%correlation_length > longest_first_order) then
+         call raise(error, exit_no_solution, positive_name(branch%request)//': lengths up to '// &
+                    to_text(longest_first_order)//' can be resolved')
+         return
+      end if
+      is_sequential = branch%request%sampler == 'sequential'
       if (branch%is_alternating) then
-         r = gaussian_r(branch)*(1.0_wp + exp(-branch%outer))
-         slack = 1.0_wp
+         r = gaussian_r(branch%request)*(1.0_wp + exp(-branch%outer))
+         slack = 1.0_wp - r
          field = stretched(inner)
       else
          r = 1.0_wp/(1.0_wp + exp(-inner))
          slack = 1.0_wp/(1.0_wp + exp(inner))
-         field = stretched(branch%outer)*slack**merge(1, 2, branch%is_sequential) &
+         field = stretched(branch%outer)*slack**merge(1, 2, is_sequential) &
                  /sqrt(slack*(1.0_wp + r))
       end if
-      call new_first_order_law(r, slack, 1.0_wp, field, branch%is_sequential, law, error)
+      call new_first_order_law(r, slack, 1.0_wp, field, is_sequential, law, error)
    end subroutine evaluate
 
    !> r of the Gaussian process whose K(m) alternate and have the length, Eq. (39).
-   pure real(wp) function gaussian_r(branch) result(r)
-      type(branch_type), intent(in) :: branch
+   pure real(wp) function gaussian_r(request) result(r)
+      type(process_request), intent(in) :: request
 
-      r = -branch%length/(1.0_wp + branch%length)
-      if (.not. branch%is_sequential) r = r/(1.0_wp + r**2)
+      r = -request%correlation_length/(1.0_wp + request%correlation_length)
+      if (request%sampler /= 'sequential') r = r/(1.0_wp + r**2)
    end function gaussian_r
 
    !> Describes the process in the unit of X: by G for the exact law with alternating K(m), else by
@@ -259,59 +241,15 @@ contains
       type(first_order_law), intent(in) :: law
       type(process_model_type), intent(inout) :: model
       type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: max_lags = 600
       type(first_order_law) :: other
+      real(wp) :: decay
       real(wp) :: offset   ! conditional mean after 0 [b0]
+      integer :: n_lags
 
       model%branch = trim(merge('alternating', 'nonnegative', law%r < 0.0_wp))
       model%order = 1
-      model%b0 = request%std/law%std
-      call describe_correlation(request, law, model)
-      model%mean = model%b0*law%mean
-      model%std = request%std
-      model%entropy = law%entropy + log(model%b0)
-      model%entropy_bound = gaussian_entropy(request%std)
-      model%optimality = max(abs(model%mean/request%mean - 1.0_wp), &
-                             abs(length_of(law, request%correlation)/request%correlation_length &
-                                 - 1.0_wp))
-      call set_acceptances(law, model)
-      if (law%r < 0.0_wp .and. .not. law%is_sequential) then
-         allocate (model%a(0), model%poles(0), model%g(0:1))
-         model%mu = model%b0*law%field/(1.0_wp - 2.0_wp*law%r)
-         model%g(:) = [1.0_wp, -law%r]/model%b0**2
-         model%nodes = model%b0*law%nodes
-         model%weights = law%next_weights
-      else
-         model%a = [-law%r]
-         model%poles = [cmplx(law%r, 0.0_wp, wp)]
-         offset = law%field
-         if (law%r > 0.0_wp) then
-            if (.not. law%is_sequential) offset = law%field/law%slack
-            model%mu = model%b0*offset/law%slack
-            call new_first_order_law(law%r, law%slack, 1.0_wp, &
-                                     offset*merge(law%slack, 1.0_wp, law%is_sequential), &
-                                     .not. law%is_sequential, other, error)
-         else   ! the exact law of the same a_1 in its own unit, 1/sqrt(1 + a_1^2)
-            model%mu = model%b0*offset/(1.0_wp - law%r)
-            call new_first_order_law(law%r, 1.0_wp, 1.0_wp + law%r**2, offset*(1.0_wp - law%r), &
-                                     .false., other, error)
-         end if
-         if (allocated(error)) return
-         model%other_mean = model%b0*other%mean
-         model%other_std = model%b0*other%std
-         model%other_l0 = other%l0
-         model%other_entropy = other%entropy + log(model%b0)
-         call set_acceptances(other, model)
-      end if
-   end subroutine describe_first_order
-
-   subroutine describe_correlation(request, law, model)
-      type(process_request), intent(in) :: request
-      type(first_order_law), intent(in) :: law
-      type(process_model_type), intent(inout) :: model
-      integer, parameter :: max_lags = 600
-      real(wp) :: decay
-      integer :: n_lags
-
+      call take_law(law, request%std, model)
       ! the unconstrained process of the wanted length has a longer memory than a positive one with
       ! K(m) >= 0, but not than an alternating one
       decay = request%correlation_length/(1.0_wp + request%correlation_length)
@@ -321,30 +259,33 @@ contains
       allocate (model%autocovariance(0:n_lags), model%autocovariance_error(0:n_lags), &
                 source=0.0_wp)
       model%autocovariance(:) = model%b0**2*law%autocovariance(n_lags)
-      model%l0 = law%l0
-      model%l1 = law%l1
       model%l0_cut = correlation_length('L0', model%autocovariance(0:1))
       model%l1_cut = correlation_length('L1', model%autocovariance(0:1))
-   end subroutine describe_correlation
-
-   !> Sets Lambda of the exact law, or the three acceptances of one-at-a-time rejection.
-   subroutine set_acceptances(law, model)
-      type(first_order_law), intent(in) :: law
-      type(process_model_type), intent(inout) :: model
-
-      if (law%is_sequential) then
-         model%acceptance_ratio = law%acceptance_ratio
-         model%acceptance_mean = law%acceptance_mean
-         model%acceptance_geometric = law%acceptance_geometric
-      else if (law%r > 0.0_wp) then
-         model%lambda = exp(max(law%log_lambda, log(tiny(1.0_wp))))
+      model%optimality = max(abs(model%mean/request%mean - 1.0_wp), &
+                             abs(length_of(law, request%correlation)/request%correlation_length &
+                                 - 1.0_wp))
+      if (law%r < 0.0_wp .and. .not. law%is_sequential) then
+         allocate (model%a(0), model%poles(0), model%g(0:1))
+         model%mu = model%b0*law%field/(1.0_wp - 2.0_wp*law%r)
+         model%g(:) = [1.0_wp, -law%r]/model%b0**2
+         model%nodes = model%b0*law%nodes
+         model%weights = law%next_weights
+         return
       end if
-   end subroutine set_acceptances
+      model%a = [-law%r]
+      model%poles = [cmplx(law%r, 0.0_wp, wp)]
+      offset = law%field/merge(1.0_wp, law%slack, law%is_sequential)
+      model%mu = model%b0*offset/law%slack
+      ! where K(m) alternates the exact law of the same a_1 is in its own unit, 1/sqrt(1 + a_1^2)
+      call new_first_order_law(law%r, law%slack, 1.0_wp + law%r**2, &
+                               offset*merge(law%slack, 1.0_wp, law%is_sequential), &
+                               .not. law%is_sequential, other, error)
+      if (.not. allocated(error)) call take_other_law(other, model)
+   end subroutine describe_first_order
 
-   elemental function length_of(law, correlation) result(length)
+   elemental real(wp) function length_of(law, correlation) result(length)
       type(first_order_law), intent(in) :: law
       character(*), intent(in) :: correlation
-      real(wp) :: length
 
       length = merge(law%l0, law%l1, correlation == 'L0')
    end function length_of

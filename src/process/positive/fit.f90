@@ -20,7 +20,7 @@ module process_positive_fit
    use process_positive_refinement, only: refine, shape_uncertainty
    use process_positive_search, only: follow_alternating, follow_unconstrained
    use process_positive_sign_search, only: multipliers_of, search_signs
-   use process_positive_signs, only: difference_step, search_finer
+   use process_positive_signs, only: search_finer
    implicit none(type, external)
    private
    public :: fit_positive, predict_positive
@@ -131,8 +131,7 @@ contains
 
       may_search_alternating = request%branch == 'any' .and. &
                                request%method == 'autoregressive' .and. &
-                               request%correlation /= 'both' .and. request%mean > 0.0_wp .and. &
-                               was_searched(request, search)
+                               request%correlation /= 'both' .and. was_searched(request, search)
       if (allocated(error)) &
          may_search_alternating = may_search_alternating .and. error%exit_code == exit_no_solution
    end function may_search_alternating
@@ -255,13 +254,11 @@ contains
    end subroutine compare_other_law
 
    !> True if quadrature solves the request.
-   pure function is_first_order(request) result(is_so)
+   pure logical function is_first_order(request) result(is_so)
       type(process_request), intent(in) :: request
-      logical :: is_so
 
       is_so = request%order == 1 .and. request%method == 'autoregressive' .and. &
-              request%correlation /= 'both' .and. &
-              (request%sampler == 'sequential' .or. request%sampler == 'exact')
+              request%correlation /= 'both'
    end function is_first_order
 
    !> Refines the maximum, meets the targets on many values and describes the process. If that
@@ -279,7 +276,7 @@ contains
 
       before = model
       do pass = 1, 2
-         call refine(search, difference_step, uncertainty, is_short)
+         call refine(search, uncertainty, is_short)
          is_finer = .false.
          if (pass == 1 .and. .not. is_short) call search_finer(search, is_finer)
          if (is_finer) cycle

@@ -9,6 +9,7 @@ module process_positive_kernel
    use core_kinds, only: wp
    use numerics_lapack, only: solve_linear_system, solve_positive_definite
    use numerics_quadrature, only: gauss_legendre
+   use process_model, only: process_moments
    use process_positive_truncated_normal, only: hazard_ratio, log_acceptance, log_sqrt_two_pi
    implicit none(type, external)
    private
@@ -16,20 +17,14 @@ module process_positive_kernel
 
    !> The kernel of two neighbours x, y is exp(-s (x^2 + y^2)/4 + r x y + f (x + y)/2): r > 0 in
    !> units of b0, s = 1 + r^2; r < 0 in units of 1/sqrt(s), s = 1. For the sequential law s = 1,
-   !> over the roots of both acceptances.
-   type :: first_order_law
+   !> over the roots of both acceptances. The entropy is that of x/std; Lambda is known if r > 0.
+   type, extends(process_moments) :: first_order_law
       logical :: is_sequential = .false.
       real(wp) :: r = 0.0_wp              !! -a_1; K(m) has the signs of r^m
-      real(wp) :: slack = 1.0_wp          !! r > 0: 1 - r
+      real(wp) :: slack = 1.0_wp          !! 1 - r
       real(wp) :: steepness = 1.0_wp      !! r < 0: s
       real(wp) :: field = 0.0_wp          !! exact law: f; sequential law: the offset
-      real(wp) :: mean = 0.0_wp, std = 0.0_wp
-      real(wp) :: l0 = 0.0_wp, l1 = 0.0_wp       !! infinite sums
-      real(wp) :: entropy = 0.0_wp               !! per point
       real(wp) :: memory = 0.0_wp                !! |K(m + 1)/K(m)| for large m; r < 0 only
-      real(wp) :: log_lambda = 0.0_wp            !! exact law, r > 0: ln Lambda, Eq. (45)
-      !> sequential law: 1/E[1/alpha], E[alpha], exp E[ln alpha]
-      real(wp) :: acceptance_ratio = 1.0_wp, acceptance_mean = 1.0_wp, acceptance_geometric = 1.0_wp
       real(wp), allocatable :: nodes(:)          !! (node)
       real(wp), allocatable :: next_weights(:)   !! (node) see `model%weights`
       !> (node, node) kernel over its Perron value, less its Perron part
@@ -50,11 +45,13 @@ contains
       logical, intent(in) :: is_sequential
       type(first_order_law), intent(out) :: law
       type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: large = 60   ! lag
       real(wp), allocatable :: log_factor(:), vector(:), weights(:)
-      real(wp) :: log_perron, log_scale, perron
+      real(wp) :: k(0:large), log_perron, log_scale, perron
       integer :: i
 
-      law = first_order_law(is_sequential, r, slack, steepness, field)
+      law = first_order_law(is_sequential=is_sequential, r=r, slack=slack, steepness=steepness, &
+                            field=field)
       if (r > 0.0_wp) then
          call place_nodes(law, weights, log_factor, vector)
       else
@@ -85,7 +82,10 @@ contains
       end do
       call compute_sums(law, vector, error)
       if (allocated(error)) return
-      if (r < 0.0_wp) law%memory = decay_of(law)
+      if (r < 0.0_wp) then
+         k = law%autocovariance(large)
+         law%memory = abs(k(large))/max(abs(k(large - 1)), tiny(k))
+      end if
       log_perron = log(perron) + 2.0_wp*log_scale
       if (.not. is_sequential) then
          call compute_partition(law, log_perron)
@@ -95,9 +95,8 @@ contains
    end subroutine new_first_order_law
 
    !> Distance from mu (mu < 0: from 0) beyond which there is no mass [b0].
-   pure function half_range_of(law) result(half_range)
+   pure real(wp) function half_range_of(law) result(half_range)
       type(first_order_law), intent(in) :: law
-      real(wp) :: half_range
       real(wp), parameter :: far = 38.0_wp     ! -ln of the mass that is left out
       real(wp) :: strength
 
@@ -173,21 +172,6 @@ contains
       log_factor = log_factor + hazard
    end subroutine place_alternating_nodes
 
-   !> Modulus of the second eigenvalue of the kernel: |K(m + 1)/K(m)| for large m.
-   pure function decay_of(law) result(decay)
-      type(first_order_law), intent(in) :: law
-      real(wp) :: decay
-      integer, parameter :: n_powers = 60
-      real(wp) :: vector(size(law%deviation))
-      integer :: m
-
-      vector = law%deviation
-      do m = 1, n_powers
-         vector = matmul(law%kernel, vector/norm2(vector))
-      end do
-      decay = norm2(vector)
-   end function decay_of
-
    !> Finds the largest eigenvalue and its vector by power iteration, then by inverse iteration with
    !> shifts above the eigenvalue. Fails if the kernel is not finite.
    subroutine find_perron(kernel, vector, perron, error)
@@ -256,10 +240,10 @@ contains
       psi = log_perron
       if (law%r > 0.0_wp .and. law%field > 0.0_wp) &   ! the centre mu leaves out 0.5 mu f
          psi = psi + 0.5_wp*(law%field/law%slack)**2
-      law%entropy = psi + 0.5_wp - 0.5_wp*law%field*law%mean
-      law%log_lambda = log_perron - log_sqrt_two_pi
-      if (law%field < 0.0_wp) &
-         law%log_lambda = law%log_lambda - 0.5_wp*(law%field/law%slack)**2
+      law%entropy = psi + 0.5_wp - 0.5_wp*law%field*law%mean - log(law%std)
+      if (law%r > 0.0_wp) &
+         law%lambda = exp(max(log_perron - log_sqrt_two_pi &
+                              - 0.5_wp*(min(law%field, 0.0_wp)/law%slack)**2, log(tiny(1.0_wp))))
    end subroutine compute_partition
 
    !> Computes acceptances and entropy of the sequential law, E[ln sqrt(2 pi e) + ln alpha
@@ -274,7 +258,7 @@ contains
       law%acceptance_mean = sum(density*exp(max(log_alpha, -700.0_wp)))
       law%acceptance_ratio = 1.0_wp/sum(density*exp(min(-log_alpha, 700.0_wp)))
       law%acceptance_geometric = exp(max(sum(density*log_alpha), -700.0_wp))
-      law%entropy = log_sqrt_two_pi + 0.5_wp &
+      law%entropy = log_sqrt_two_pi + 0.5_wp - log(law%std) &
                     + sum(density*(log_alpha - 0.5_wp*c*hazard_ratio(c)))
    end subroutine compute_acceptances
 

@@ -4,6 +4,7 @@
 !> moments are known, shares most of its noise.
 module process_positive_moments
    use core_kinds, only: wp
+   use process_model, only: process_moments
    use process_positive_truncated_normal, only: lanes
    implicit none(type, external)
    private
@@ -27,15 +28,9 @@ module process_positive_moments
       real(wp), allocatable :: acceptance(:, :)  !! (n_acceptance_sums, batch)
    end type batch_averages
 
-   !> Estimates and standard errors, in units of b0.
-   type :: positive_moments
-      real(wp) :: mean = 0.0_wp, mean_error = 0.0_wp
-      real(wp) :: std = 0.0_wp, std_error = 0.0_wp
+   !> Estimates and standard errors, in units of b0, with the entropy of x/std (sequential law).
+   type, extends(process_moments) :: positive_moments
       real(wp) :: ratio = 0.0_wp, ratio_error = 0.0_wp   !! std/mean
-      real(wp) :: l0 = 0.0_wp, l0_error = 0.0_wp         !! infinite sums
-      real(wp) :: l1 = 0.0_wp, l1_error = 0.0_wp
-      real(wp) :: entropy = 0.0_wp, entropy_error = 0.0_wp   !! entropy of x/std (sequential law)
-      real(wp) :: acceptance_ratio = 1.0_wp, acceptance_mean = 1.0_wp, acceptance_geometric = 1.0_wp
       !> (batch, 5) deviations of the batches less what the controls explain: mean, ratio, L0, L1,
       !> entropy
       real(wp), allocatable :: residuals(:, :)
@@ -57,9 +52,8 @@ module process_positive_moments
 contains
 
    !> Batches whose averages are 0.
-   pure function new_batches(n_lags, n_single, n_batches) result(batches)
+   pure type(batch_averages) function new_batches(n_lags, n_single, n_batches) result(batches)
       integer, intent(in) :: n_lags, n_single, n_batches
-      type(batch_averages) :: batches
 
       batches = batch_averages(n_lags=n_lags, n_single=n_single)
       allocate (batches%x(-1:n_single + 2, n_batches), source=0.0_wp)
@@ -154,7 +148,7 @@ contains
       real(wp), allocatable :: n_products(:)   ! (0:last) number of products of a row
       real(wp), dimension(size(batches%x, 2), 3) :: residual
       real(wp), dimension(size(batches%x, 2)) :: centre_residual, work
-      real(wp) :: k(3), n, offset, unused
+      real(wp) :: k(3), n, offset
       integer :: i, last
 
       call arrange_rows(batches, companion, signs, weights, known, n_products)
@@ -193,11 +187,11 @@ contains
       moments%entropy = moments%entropy + half_log_two_pi_e - log(moments%std)
       moments%residuals(:, 5) = work - 0.5_wp*residual(:, 1)/k(1)
       moments%entropy_error = control%standard_error(moments%residuals(:, 5))
+      if (.not. any(batches%acceptance(2, :) > 0.0_wp)) return   ! exact law
       call control%correct(batches%acceptance(1, :), moments%acceptance_mean, work)
-      if (any(batches%acceptance(2, :) > 0.0_wp)) &
-         moments%acceptance_ratio = size(work)/sum(batches%acceptance(2, :))
-      call control%correct(batches%acceptance(3, :), unused, work)
-      moments%acceptance_geometric = exp(unused)
+      moments%acceptance_ratio = size(work)/sum(batches%acceptance(2, :))
+      call control%correct(batches%acceptance(3, :), moments%acceptance_geometric, work)
+      moments%acceptance_geometric = exp(moments%acceptance_geometric)
    end function estimate_moments
 
    !> Computes weights and known values of the rows of the batches, to the companion's last lag.
@@ -238,11 +232,10 @@ contains
    end subroutine estimate_products
 
    !> Controls: the companion's mean, the weighted sums of its lags, and its first lags.
-   pure function controls_of(batches, companion, weights, order) result(control)
+   pure type(control_type) function controls_of(batches, companion, weights, order) result(control)
       type(batch_averages), intent(in) :: batches
       real(wp), intent(in) :: companion(0:), weights(:, :)   !! (row), (row, sum)
       integer, intent(in) :: order
-      type(control_type) :: control
       real(wp) :: deviations(size(batches%y, 2), 1 + size(weights, 2) + order)
       integer :: i, m, n
 
@@ -291,9 +284,8 @@ contains
    end subroutine estimate_autocovariance
 
    !> Orthonormal controls from batch averages less their known means.
-   pure function new_control(deviations) result(control)
+   pure type(control_type) function new_control(deviations) result(control)
       real(wp), intent(in) :: deviations(:, :)   !! (batch, control)
-      type(control_type) :: control
       real(wp) :: excess, norm, column(size(deviations, 1)), overlap
       integer :: i, j, pass
 
@@ -341,10 +333,9 @@ contains
 
    !> Standard error of an average, from the residuals of its batches. Batch i belongs to the run
    !> modulo(i - 1, lanes); runs are independent, batches of one run need not be.
-   pure function standard_error(self, residual) result(error)
+   pure real(wp) function standard_error(self, residual) result(error)
       class(control_type), intent(in) :: self
       real(wp), intent(in) :: residual(:)     !! (batch)
-      real(wp) :: error
       real(wp) :: n, runs(lanes)
 
       n = size(residual)

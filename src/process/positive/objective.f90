@@ -9,18 +9,18 @@ module process_positive_objective
    use numerics_constrained_maximum, only: objective_type
    use process_autoregressive_model, only: reflection_of
    use process_correlation, only: constraint_weights
-   use process_positive_exact, only: entropy_of_exact_law, log_partition, sample_exact, &
-                                     sweeps_to_forget
+   use process_positive_exact, only: log_partition, sample_exact, sweeps_to_forget
    use process_positive_family, only: by_symbol, law_estimate, parameter_family
    use process_positive_moments, only: estimate_autocovariance, estimate_moments, new_batches, &
                                        positive_moments
    use process_positive_problem, only: sampled_problem
    use process_positive_sequential, only: sample_sequential
-   use process_positive_truncated_normal, only: lanes
+   use process_positive_truncated_normal, only: lanes, log_sqrt_two_pi
    implicit none(type, external)
    private
    public :: sampled_objective, new_objective
 
+   real(wp), parameter, public :: difference_step = 1.0e-5_wp   !! step of finite differences
    integer, parameter :: n_batches = 16*lanes       !! batches of a simulation
    real(wp), parameter :: largest_ratio = 20.0_wp   !! std/mean of chains that diverge
 
@@ -43,8 +43,7 @@ module process_positive_objective
       !> of the multipliers' components only the first one has any
       real(wp), allocatable :: residuals(:, :)
       real(wp), allocatable :: state(:)              !! state of the last evaluation
-      !> exact law: ln Z per point by `log_partition`, and its standard error
-      real(wp) :: psi = 0.0_wp, psi_error = 0.0_wp
+      real(wp) :: psi_error = 0.0_wp   !! exact law: see `log_partition`
    contains
       procedure :: evaluate
       procedure :: gain
@@ -279,24 +278,26 @@ contains
              - 0.5_wp*log(to(first + 1)/from(first + 1))
    end function gain
 
-   !> Computes the entropy per point of x/b0 at the last evaluation [nat], and its standard error;
-   !> for the exact law by `log_partition`.
-   subroutine find_entropy(self, entropy, standard_error)
+   !> Adds the entropy and Lambda of the exact law to the moments of the last evaluation.
+   subroutine find_entropy(self)
       class(sampled_objective), intent(inout) :: self
-      real(wp), intent(out) :: entropy, standard_error
       integer, parameter :: most_steps = 8192   ! steps of a batch at each node of `log_partition`
       type(stream_type) :: stream
+      real(wp) :: psi   ! ln Z per point
 
-      associate (last => self%last)
-         entropy = last%moments%entropy + log(last%moments%std)
-         standard_error = last%moments%entropy_error
-         if (.not. self%problem%is_exact) return
-         stream = self%problem%stream
+      if (.not. self%problem%is_exact) return
+      stream = self%problem%stream
+      associate (last => self%last, moments => self%last%moments)
          call log_partition(last%g, last%field, ring_length(self), self%n_burn_in, &
                             max(min(self%n_steps, most_steps)/ring_length(self), 2), stream, &
-                            self%psi, self%psi_error)
-         entropy = entropy_of_exact_law(self%psi, last%field, last%moments%mean)
-         standard_error = norm2([self%psi_error, 0.5_wp*last%field*last%moments%mean_error])
+                            psi, self%psi_error)
+         ! E[x_i (G (x - mu))_i] = 1: Eq. (43) with its factor 1/2
+         moments%entropy = psi + 0.5_wp - 0.5_wp*last%field*moments%mean - log(moments%std)
+         moments%entropy_error = norm2([self%psi_error, 0.5_wp*last%field*moments%mean_error])
+         if (self%problem%decay > 0.0_wp) return   ! the Gaussian process need not exist
+         moments%lambda = exp(max(psi - log_sqrt_two_pi - &
+                                  0.5_wp*(last%field/(1.0_wp + sum(last%a)))**2, log(tiny(psi))))
+         moments%lambda_error = moments%lambda*self%psi_error
       end associate
    end subroutine find_entropy
 

@@ -1,7 +1,7 @@
 !> Problem of a positive process that is solved on simulated values: targets, linear companion and
 !> random numbers. A search changes nothing of it but `ratio`. Everything is in units of b0.
 module process_positive_problem
-   use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
+   use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_random, only: stream_type
    use core_text, only: to_text
@@ -13,7 +13,7 @@ module process_positive_problem
    use process_autoregressive_sums, only: correlation_sums, sum_correlation
    use process_direct_fit, only: fit_unconstrained
    use process_direct_sign_sequence, only: sequence_solution
-   use process_model, only: lengths_of, positive_name, process_model_type, process_request
+   use process_model, only: positive_name, process_model_type, process_request
    use process_positive_sequential, only: memory_of
    implicit none(type, external)
    private
@@ -60,11 +60,6 @@ contains
 
       problem%request = request
       problem%is_exact = request%sampler == 'exact'
-      if (.not. (problem%is_exact .or. request%sampler == 'sequential')) then
-         call raise(error, exit_bad_input, "sampler = '"//trim(request%sampler)// &
-                    "': must be 'sequential' or 'exact'")
-         return
-      end if
       if (present(sequence)) then
          call describe_ar(sequence%a, 1.0_wp, unconstrained, error)
       else
@@ -90,9 +85,7 @@ contains
       end if
       problem%companion = coefficients_of(kappa)
       if (is_out_of_reach(problem)) then
-         call raise(error, exit_no_solution, 'positive process ('//trim(request%sampler)// &
-                    ' law) with '//lengths_of(request)//', order = '//to_text(request%order)// &
-                    ': '//to_text(problem%n_lags)// &
+         call raise(error, exit_no_solution, problem%name//': '//to_text(problem%n_lags)// &
                     ' lags count; the sequential law is sampled to 4000 of them, the exact one '// &
                     'to 600 and to L0 = 10; order 1 is solved without sampling')
          return

@@ -9,7 +9,7 @@ module process_positive_refinement
    use numerics_constrained_maximum, only: step_to_maximum
    use process_autoregressive_model, only: autocovariance_of, step_up
    use process_positive_family, only: by_symbol
-   use process_positive_objective, only: sampled_objective
+   use process_positive_objective, only: sampled_objective, step => difference_step
    use process_positive_truncated_normal, only: lanes
    implicit none(type, external)
    private
@@ -35,9 +35,8 @@ contains
 
    !> Takes one more step on more simulated values, as good as a whole search on them. The point
    !> stays, without an uncertainty, if a difference leaves the domain or the step is too long.
-   subroutine refine(search, step, uncertainty, is_short)
+   subroutine refine(search, uncertainty, is_short)
       type(sampled_objective), intent(inout) :: search
-      real(wp), intent(in) :: step              !! step of the differences
       type(shape_uncertainty), intent(out) :: uncertainty
       logical, intent(out) :: is_short          !! false: more values ask for a long step
       type(shape_uncertainty) :: trial

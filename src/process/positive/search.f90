@@ -44,7 +44,6 @@ contains
       type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
       integer, parameter :: most_halvings = 3
       real(wp), parameter :: steepest = 0.9_wp   ! largest std/mean of a start
-      type(sampled_objective) :: before
       real(wp) :: limit, ratio
       integer :: i
       logical :: is_limited
@@ -52,7 +51,7 @@ contains
       ratio = request%std/request%mean
       is_limited = .true.
       if (present(sequence)) is_limited = all(sequence%s >= 0.0_wp)   ! else std may exceed the mean
-      if (is_limited .and. ratio >= 1.0_wp .and. request%mean > 0.0_wp) then
+      if (is_limited .and. ratio >= 1.0_wp) then
          call raise(error, exit_no_solution, 'positive process with std/mean = '// &
                     rounded_text(ratio, 6)//': K(m) >= 0 needs std < mean')
          return
@@ -67,22 +66,14 @@ contains
          ! a solution far from the start may belong to another branch
          if (limit > 0.0_wp .and. (i > 0 .or. search%family%is_near_start(search%point))) exit
       end do
-      if (.not. search%found%is_converged .and. search%family%kind == by_reflection .and. &
-          request%correlation /= 'both') call follow_from_order_1()
       if (request%correlation == 'both' .and. all(search%signs > 0.0_wp)) &
          search%problem%request%branch = 'nonnegative'
       if (search%found%is_converged) then
-         if (search%problem%request%branch /= request%branch) before = search
          if (i > 0 .or. search%family%kind == by_symbol .or. .not. has_assumed_signs(search)) &
-            call match_signs(search)
-         if (.not. search%found%is_converged .and. &
-             search%problem%request%branch /= request%branch) then
-            before%effort = search%effort
-            search = before
-            search%problem%request%branch = request%branch
-            call match_signs(search)
-         end if
+            call settle_signs()
       end if
+      if (.not. search%found%is_converged .and. search%family%kind == by_reflection .and. &
+          request%correlation /= 'both') call follow_from_order_1()
       if (.not. search%found%is_converged) &
          call refuse(search, 'the branch of the unconstrained process', limit, error)
 
@@ -106,8 +97,23 @@ contains
          call search%set_burn_in()
       end subroutine start_at
 
+      !> Finds the maximum with the signs of its K(m), on the wanted branch if there is none on that
+      !> of K(m) >= 0.
+      subroutine settle_signs()
+         type(sampled_objective) :: before
+
+         before = search
+         call match_signs(search)
+         if (search%found%is_converged .or. search%problem%request%branch == request%branch) return
+         before%effort = search%effort
+         search = before
+         search%problem%request%branch = request%branch
+         call match_signs(search)
+      end subroutine settle_signs
+
       !> Searches again, with an effort of its own, from the process of order 1 at the wanted
-      !> std/mean or just below its limit: other maxima may go on where the first ones end.
+      !> std/mean or just below its limit: other maxima may go on where the first ones end, or have
+      !> signs that come to rest.
       subroutine follow_from_order_1()
          type(process_request) :: one
          type(first_order_law) :: first
@@ -124,9 +130,10 @@ contains
          if (allocated(failure)) return
          effort = search%effort
          search%effort = 0.0_wp
-         search%found = search_result()
+         call begin_search(request, seed, search, failure)
          call start_from_order_1(search, first)
          call follow_ratio(search, one%std/request%mean, ratio, farther)
+         if (search%found%is_converged) call match_signs(search)
          limit = max(limit, farther)
          ! exhausted if one of the two searches was
          if (.not. search%found%is_converged) search%effort = max(effort, search%effort)

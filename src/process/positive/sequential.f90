@@ -160,10 +160,9 @@ contains
 
    !> Steps after which the correlation has decayed to a tolerance. The largest pole of the Gaussian
    !> process is a safe measure, because truncation shortens the memory.
-   pure function memory_of(decay, tolerance) result(steps)
+   pure integer function memory_of(decay, tolerance) result(steps)
       real(wp), intent(in) :: decay   !! modulus of the largest pole, or |K(m + 1)/K(m)|
       real(wp), intent(in) :: tolerance
-      integer :: steps
 
       steps = ceiling(log(tolerance)/log(min(max(decay, 1.0e-3_wp), 1.0_wp - 1.0e-6_wp)))
    end function memory_of

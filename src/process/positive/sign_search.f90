@@ -26,13 +26,6 @@ module process_positive_sign_search
    real(wp), parameter :: negligible = 1.0e-4_wp       !! difference of sampled entropies [nat]
    integer(long), parameter :: most_sequences = 1024   !! tried sequences, without mirror images
 
-   !> Solution for one sequence.
-   type :: sign_trial
-      type(sampled_objective) :: search
-      type(sequence_solution) :: solution   !! signs, multipliers and entropy of the positive law
-      real(wp) :: entropy_error = 0.0_wp    !! standard error of the entropy [nat]
-   end type sign_trial
-
 contains
 
    !> Finds the signs of the largest entropy, and notes in the model how many sequences were tried;
@@ -47,7 +40,8 @@ contains
       real(wp), parameter :: others = 15.0_wp   ! effort of all other sequences over the first's
       real(wp), parameter :: certain = 4.0_wp   ! standard errors
       type(sequence_solution), allocatable :: sequences(:), solutions(:)
-      type(sign_trial) :: trial
+      type(sequence_solution) :: solution
+      type(sampled_objective) :: trial
       type(error_type), allocatable :: failure
       character(:), allocatable :: reason
       integer, allocatable :: ranking(:)   ! solutions by descending entropy
@@ -64,18 +58,19 @@ contains
       do i = 1, size(sequences)
          is_excluded = sequences(i)%entropy + log(request%std) < best + negligible
          if ((is_excluded .or. .not. effort > 0.0_wp) .and. .not. request%all_signs) exit
-         call solve_signs(request, seed, sequences(i), effort, trial, failure)
-         if (i == 1) effort = others*trial%search%effort
-         if (i > 1) effort = effort - trial%search%effort
-         if (request%all_signs) effort = trial%search%max_effort
+         call solve_signs(request, seed, sequences(i), effort, trial, solution, failure)
+         if (i == 1) effort = others*trial%effort
+         if (i > 1) effort = effort - trial%effort
+         if (request%all_signs) effort = trial%max_effort
          model%n_examined = i
          if (i == 1 .and. allocated(failure)) error = failure
          if (allocated(failure)) cycle
          model%n_consistent = model%n_consistent + 1
-         solutions(model%n_consistent) = trial%solution
-         if (trial%solution%entropy <= best + max(negligible, certain*trial%entropy_error)) cycle
-         best = trial%solution%entropy
-         search = trial%search
+         solutions(model%n_consistent) = solution
+         if (solution%entropy <= &
+             best + max(negligible, certain*trial%last%moments%entropy_error)) cycle
+         best = solution%entropy
+         search = trial
       end do
       model%search = 'structured'
       if (is_whole .and. is_excluded) model%search = 'all sequences, some excluded by a bound'
@@ -141,30 +136,29 @@ contains
    end subroutine list_sequences
 
    !> Finds the positive process of a sequence. Fails if a K(m) has another sign.
-   subroutine solve_signs(request, seed, sequence, effort, trial, error)
+   subroutine solve_signs(request, seed, sequence, effort, search, solution, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(sequence_solution), intent(in) :: sequence
       real(wp), intent(in) :: effort   !! see `max_effort` of the search
-      type(sign_trial), intent(out) :: trial
+      type(sampled_objective), intent(out) :: search
+      type(sequence_solution), intent(out) :: solution   !! of the positive law
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: entropy_steps = 1024   ! steps of a batch
-      real(wp) :: b0, unused
+      real(wp) :: unused
 
-      trial%search%max_effort = effort
-      call follow_unconstrained(request, seed, trial%search, error, sequence)
+      search%max_effort = effort
+      call follow_unconstrained(request, seed, search, error, sequence)
       if (allocated(error)) return
-      b0 = request%std/trial%search%last%moments%std
-      call multipliers_of(trial%search, b0, trial%solution, unused)
-      if (request%branch == 'nonnegative' .and. any(integer_signs(trial%solution%s) < 0)) &
-         call raise(error, exit_no_solution, trial%search%problem%name// &
-                    ': some K(m) are negative')
-      trial%search%n_steps = entropy_steps
-      call trial%search%find_entropy(trial%solution%entropy, trial%entropy_error)
+      call multipliers_of(search, request%std/search%last%moments%std, solution, unused)
+      if (request%branch == 'nonnegative' .and. any(integer_signs(solution%s) < 0)) &
+         call raise(error, exit_no_solution, search%problem%name//': some K(m) are negative')
+      search%n_steps = entropy_steps
+      call search%find_entropy()
       ! less the entropy that errors of the targets on these values give
-      trial%solution%entropy = trial%solution%entropy + log(b0) &
-                               - dot_product(trial%search%found%multipliers, &
-                                             trial%search%state(:trial%search%n_constraints))
+      solution%entropy = search%last%moments%entropy + log(request%std) &
+                         - dot_product(search%found%multipliers, &
+                                       search%state(:search%n_constraints))
    end subroutine solve_signs
 
    !> Computes signs and multipliers of Eq. (30) from the matrix G: G_0 = 2 lambda_3 + 2 lambda_2

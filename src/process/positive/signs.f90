@@ -9,14 +9,12 @@ module process_positive_signs
    use core_text, only: to_text
    use numerics_constrained_maximum, only: maximize
    use process_positive_family, only: by_symbol, by_reflection
-   use process_positive_objective, only: sampled_objective
+   use process_positive_objective, only: difference_step, sampled_objective
    implicit none(type, external)
    private
-   public :: difference_step, find_maximum, has_assumed_signs, has_decayed, match_signs, &
-             require_signs, search_finer
+   public :: find_maximum, has_assumed_signs, has_decayed, match_signs, require_signs, search_finer
 
    real(wp), parameter :: gradient_tolerance = 1.0e-3_wp   !! largest gradient at a maximum [nat]
-   real(wp), parameter :: difference_step = 1.0e-5_wp      !! step of finite differences
    real(wp), parameter :: sign_threshold = 1.0e-3_wp       !! |K(m)/K(0)| that shows a sign
 
 contains
@@ -182,9 +180,8 @@ contains
    end subroutine search_finer
 
    !> True if the sum of |K(m)| over the last fifth of the lags is small, or no more than noise.
-   function has_decayed(search) result(is_so)
+   logical function has_decayed(search) result(is_so)
       type(sampled_objective), intent(in) :: search   !! evaluated with averages of every single lag
-      logical :: is_so
       real(wp), parameter :: little = 5.0e-3_wp, standard_errors = 3.0_wp
       real(wp), allocatable :: k(:), residuals(:, :)
       integer :: first

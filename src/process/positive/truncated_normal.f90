@@ -6,7 +6,7 @@
 module process_positive_truncated_normal
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
-   use core_text, only: rounded_text, to_text
+   use core_text, only: rounded_text
    use numerics_roots, only: root_search
    implicit none(type, external)
    private
@@ -95,9 +95,8 @@ contains
    !> Quantile z of the normal law, Q(z) = upper, to 2e-15 if both tails hold more than 4.9e-4.
    !> z/(lower - upper) is a polynomial in ln(4 upper lower) (Giles, 2010, double precision, times
    !> sqrt(2)); its even and odd powers are summed apart.
-   elemental function normal_quantile(upper, lower) result(z)
+   elemental real(wp) function normal_quantile(upper, lower) result(z)
       real(wp), intent(in) :: upper, lower   !! masses on both sides; their sum is 1
-      real(wp) :: z
       real(wp) :: even, odd, w, w2
 
       w = -log_in_range(4.0_wp*upper*lower) - 3.125_wp
@@ -155,9 +154,8 @@ contains
    end subroutine add_logarithms
 
    !> ln Phi(c): logarithm of the probability of acceptance.
-   elemental function log_acceptance(c) result(value)
+   elemental real(wp) function log_acceptance(c) result(value)
       real(wp), intent(in) :: c
-      real(wp) :: value
 
       if (c < 0.0_wp) then
          value = log(mills_ratio(-c)) - 0.5_wp*c**2 - log_sqrt_two_pi
@@ -168,9 +166,8 @@ contains
    end function log_acceptance
 
    !> phi(c)/Phi(c): mean of the truncated law over b, less c.
-   elemental function hazard_ratio(c) result(hazard)
+   elemental real(wp) function hazard_ratio(c) result(hazard)
       real(wp), intent(in) :: c
-      real(wp) :: hazard
 
       if (c < 0.0_wp) then
          hazard = 1.0_wp/mills_ratio(-c)
@@ -220,14 +217,9 @@ contains
       mu = 0.0_wp
       sigma = 0.0_wp
       if (.not. (std > 0.0_wp .and. std < mean)) then
-         if (mean > 0.0_wp) then
-            call raise(error, exit_no_solution, 'positive law with std/mean = '// &
-                       rounded_text(std/mean, 6)//': needs 0 < std < mean, '// &
-                       'the limit of the exponential law')
-         else
-            call raise(error, exit_no_solution, 'positive law with mean = '//to_text(mean)// &
-                       ': needs 0 < std < mean')
-         end if
+         call raise(error, exit_no_solution, 'positive law with std/mean = '// &
+                    rounded_text(std/mean, 6)//': needs 0 < std < mean, '// &
+                    'the limit of the exponential law')
          return
       end if
       c = mean/std   ! 1/c is about std/mean, which falls with c, for c >> 1
@@ -243,9 +235,8 @@ contains
 
    !> Distance t >= 0 with Q(k + t) = u Q(k), Q the upper tail of the normal law, mills =
    !> Q(k)/phi(k), hazard = 1/mills. Two Halley steps reach 1e-12 of t for every k >= 0.
-   elemental function tail_excess(k, mills, hazard, u) result(t)
+   elemental real(wp) function tail_excess(k, mills, hazard, u) result(t)
       real(wp), intent(in) :: k, mills, hazard, u
-      real(wp) :: t
       real(wp) :: exponent, slope
 
       ! first guess: -ln u is the integral of the hazard, which is nearly linear
@@ -258,10 +249,9 @@ contains
    end function tail_excess
 
    !> t after one Halley step on ln Q(k + t) = ln u + ln Q(k).
-   elemental function halley_step(t, k, target) result(next)
+   elemental real(wp) function halley_step(t, k, target) result(next)
       real(wp), intent(in) :: t, k
       real(wp), intent(in) :: target   !! u Q(k)/phi(k)
-      real(wp) :: next
       real(wp) :: mills, residual, s, wanted
 
       mills = mills_ratio(k + t)
@@ -274,9 +264,8 @@ contains
 
    !> Q(x)/phi(x) for x >= 0, to 4e-16: (1 + x) Q/phi as a Chebyshev series in (x - 5)/(x + 5),
    !> computed in 40 digits and written in powers, even and odd ones apart.
-   elemental function mills_ratio(x) result(ratio)
+   elemental real(wp) function mills_ratio(x) result(ratio)
       real(wp), intent(in) :: x
-      real(wp) :: ratio
       real(wp) :: even, inverse, odd, y, y2
 
       inverse = 1.0_wp/((x + 5.0_wp)*(x + 1.0_wp))
@@ -298,30 +287,26 @@ contains
    end function mills_ratio
 
    !> exp(x) for |x| < 700, to a unit in the last place or two.
-   elemental function exp_in_range(x) result(value)
+   elemental real(wp) function exp_in_range(x) result(value)
       real(wp), intent(in) :: x
-      real(wp) :: value
       real(wp), parameter :: ln2_high = 0.693147180369123816490_wp, &
          ln2_low = 1.90821492927058770002e-10_wp
       real(wp), parameter :: rounder = 6755399441055744.0_wp   ! 1.5 2^52: adding it rounds
+      integer :: i
+      real(wp), parameter :: c(2:13) = 1.0_wp/[(gamma(i + 1.0_wp), i=2, 13)]   ! 1/i!
       real(wp) :: n, r
 
       n = x*1.44269504088896341_wp + rounder
       r = (x - (n - rounder)*ln2_high) - (n - rounder)*ln2_low
-      value = 1.0_wp/6227020800.0_wp
-      value = 1.0_wp/39916800.0_wp + r*(1.0_wp/479001600.0_wp + r*value)
-      value = 1.0_wp/362880.0_wp + r*(1.0_wp/3628800.0_wp + r*value)
-      value = 1.0_wp/5040.0_wp + r*(1.0_wp/40320.0_wp + r*value)
-      value = 1.0_wp/120.0_wp + r*(1.0_wp/720.0_wp + r*value)
-      value = 1.0_wp/6.0_wp + r*(1.0_wp/24.0_wp + r*value)
-      value = 1.0_wp + r*(1.0_wp + r*(0.5_wp + r*value))
+      value = c(8) + r*(c(9) + r*(c(10) + r*(c(11) + r*(c(12) + r*c(13)))))
+      value = c(3) + r*(c(4) + r*(c(5) + r*(c(6) + r*(c(7) + r*value))))
+      value = 1.0_wp + r*(1.0_wp + r*(c(2) + r*value))
       value = transfer(transfer(value, 1_long) + ishft(transfer(n, 1_long), 52), value)
    end function exp_in_range
 
    !> -ln u for u in (0, 1], to 1e-5.
-   elemental function rough_minus_log(u) result(value)
+   elemental real(wp) function rough_minus_log(u) result(value)
       real(wp), intent(in) :: u
-      real(wp) :: value
       real(wp) :: power, s
 
       call split(u, power, s)
@@ -330,9 +315,8 @@ contains
    end function rough_minus_log
 
    !> ln x for normal x > 0, to a unit in the last place or two of max(|ln x|, 1).
-   elemental function log_in_range(x) result(value)
+   elemental real(wp) function log_in_range(x) result(value)
       real(wp), intent(in) :: x
-      real(wp) :: value
       real(wp) :: power, s, t
 
       call split(x, power, s)
