@@ -54,7 +54,7 @@ module config_text_namelist
       procedure :: complain
       procedure :: refuse
       procedure :: refuse_assignment
-      procedure, private :: has_comma_inside, add_group, values_text
+      procedure, private :: add_group, values_text
    end type document_type
 
 contains
@@ -70,8 +70,7 @@ contains
       self%source(1) = source
       self%source(2) = new_source('--set', override_text(overrides))
       allocate (self%groups(0), self%assignments(0))
-      first = 1
-      if (index(source%text, byte_order_mark) == 1) first = len(byte_order_mark) + 1
+      first = merge(len(byte_order_mark) + 1, 1, index(source%text, byte_order_mark) == 1)
       call tokenize(source, 1, 1, first, len(source%text), self%tokens)
       call parse_groups(self)
       do line = 1, size(overrides)
@@ -97,7 +96,9 @@ contains
    !> Parses the tokens of the scene file.
    subroutine parse_groups(document)
       class(document_type), intent(inout) :: document
-      type(token_type) :: token
+      character(*), parameter :: not_closed = 'the group is not closed by /'
+      type(token_type) :: group, token
+      character(:), allocatable :: rule
       integer :: i, last_outside
       logical :: is_open
 
@@ -107,15 +108,21 @@ contains
       do while (i <= size(document%tokens))
          token = document%tokens(i)
          if (token%kind == token_group) then
-            if (is_open) call complain_unclosed(document)
+            if (is_open) call document%complain(group, not_closed)
             if (size(document%groups) == max_groups) then
                call document%complain(token, 'more groups than a scene can have')
                return
             end if
             call document%add_group(token)
+            group = token
             is_open = .true.
          else if (.not. is_open) then
-            if (token%line /= last_outside) call complain_outside(document, i)
+            rule = document%rule_on(token, 'stands outside of every group')
+            associate (before => document%tokens(max(i - 1, 1)))
+               if (before%kind == token_end .and. before%last == token%first - 1) &
+                  rule = rule//' (the / before it ends one; text with a / needs quotes)'
+            end associate
+            if (token%line /= last_outside) call document%complain(token, rule)
             last_outside = token%line
          else if (token%kind == token_end) then
             is_open = .false.
@@ -127,33 +134,8 @@ contains
          end if
          i = i + 1
       end do
-      if (is_open) call complain_unclosed(document)
+      if (is_open) call document%complain(group, not_closed)
    end subroutine parse_groups
-
-   !> Complains of the last group, which is not closed.
-   subroutine complain_unclosed(document)
-      class(document_type), intent(inout) :: document
-
-      associate (group => document%groups(size(document%groups)))
-         call document%complain(group%place, 'the group is not closed by /', &
-                                '&'//trim(group%name))
-      end associate
-   end subroutine complain_unclosed
-
-   !> Complains of token i, which belongs to no group. Often a `/` in text without quotes has ended
-   !> the group before it.
-   subroutine complain_outside(document, i)
-      class(document_type), intent(inout) :: document
-      integer, intent(in) :: i
-      character(:), allocatable :: rule
-
-      associate (token => document%tokens(i), before => document%tokens(max(i - 1, 1)))
-         rule = document%rule_on(token, 'stands outside of every group')
-         if (before%kind == token_end .and. before%last == token%first - 1) &
-            rule = rule//' (the / before it ends one; text with a / needs quotes)'
-         call document%complain(token, rule)
-      end associate
-   end subroutine complain_outside
 
    !> Parses `name [(lower[:upper])] = values` of a group; sets `i` to the last token of the values.
    subroutine parse_assignment(document, group, i)
@@ -195,28 +177,20 @@ contains
       character(*), intent(in) :: text   !! text with its parentheses
       integer, intent(out) :: lower, upper
       logical, intent(out) :: is_valid
+      integer(long), parameter :: largest = 9999
+      character(:), allocatable :: rule
+      integer(long) :: bounds(2)
       integer :: colon
 
       colon = index(text, ':')
       if (colon == 0) colon = len(text)
-      lower = count_in(text(2:colon - 1))
-      upper = lower
-      if (colon < len(text)) upper = count_in(text(colon + 1:len(text) - 1))
-      is_valid = lower > 0 .and. upper >= lower
-
-   contains
-
-      !> Integer that a word holds; 0 if it holds none.
-      pure integer function count_in(word)
-         character(*), intent(in) :: word
-         integer(long), parameter :: largest = 9999
-         integer(long) :: value
-         character(:), allocatable :: rule
-
-         call parse_integer(trim(adjustl(word)), largest, value, rule)
-         count_in = merge(0, int(value), allocated(rule))
-      end function count_in
-
+      call parse_integer(trim(adjustl(text(2:colon - 1))), largest, bounds(1), rule)
+      bounds(2) = bounds(1)
+      if (colon < len(text) .and. .not. allocated(rule)) &
+         call parse_integer(trim(adjustl(text(colon + 1:len(text) - 1))), largest, bounds(2), rule)
+      lower = int(bounds(1))
+      upper = int(bounds(2))
+      is_valid = lower > 0 .and. upper >= lower .and. .not. allocated(rule)
    end subroutine parse_index
 
    !> Last token of the values that begin after token `i`: the one before the next name, group or
@@ -230,50 +204,37 @@ contains
       end do
    end function end_of_values
 
-   !> Parses the option `group%name = values`, or `group(number)%name = values` for one of several
-   !> groups of that name.
+   !> Parses the option `group%name = values` into an assignment to every group of that name, or
+   !> `group(number)%name = values` to the one with that number. Adds the group if there is none.
    subroutine parse_override(document, line)
       class(document_type), intent(inout) :: document
       integer, intent(in) :: line
       type(token_type), allocatable :: head(:), tokens(:)   ! before and after %
       type(token_type) :: place
-      character(:), allocatable :: text
-      integer :: number, percent, upper
+      character(:), allocatable :: name, text
+      integer :: first, group, last, n_found, number, percent, upper
       logical :: is_valid
 
       text = document%source(2)%line(line)
       percent = index(text, '%')
-      associate (source => document%source(2), first => document%source(2)%line_start(line))
-         place = token_type(source=2, line=line, first=first, last=first + len(text) - 1)
-         call tokenize(source, 2, line, first, first + percent - 2, head)
-         call tokenize(source, 2, line, first + percent, place%last, tokens)
+      associate (source => document%source(2), start => document%source(2)%line_start(line))
+         place = token_type(source=2, line=line, first=start, last=start + len(text) - 1)
+         call tokenize(source, 2, line, start, start + percent - 2, head)
+         call tokenize(source, 2, line, start + percent, place%last, tokens)
       end associate
-      number = 0
+      number = 0   ! every group of that name
       is_valid = any(size(head) == [1, 2]) .and. size(tokens) > 0
       if (is_valid) is_valid = head(1)%kind == token_word .and. tokens(1)%kind == token_name
       if (is_valid .and. size(head) == 2) then
          call parse_index(document%text_of(head(2)), number, upper, is_valid)
          is_valid = is_valid .and. upper == number .and. head(2)%kind == token_index
       end if
-      if (is_valid) then
-         call apply_override(document, head(1), number, tokens)
-      else
+      if (.not. is_valid) then
          call document%complain(place, 'must be group%name=value, such as campaign%n_samples=20')
+         return
       end if
-   end subroutine parse_override
-
-   !> Adds an assignment to every group of a name, or to the one with that number. Adds the group if
-   !> the scene has none of that name.
-   subroutine apply_override(document, name_token, number, tokens)
-      class(document_type), intent(inout) :: document
-      type(token_type), intent(in) :: name_token
-      integer, intent(in) :: number               !! 0: every group of that name
-      type(token_type), intent(in) :: tokens(:)   !! name = values
-      character(:), allocatable :: name
-      integer :: group, first, last, n_found
-
-      name = lowered(document%text_of(name_token))
-      if (document%find_group(name) == 0) call document%add_group(name_token)
+      name = lowered(document%text_of(head(1)))
+      if (document%find_group(name) == 0) call document%add_group(head(1))
       first = size(document%tokens) + 1
       document%tokens = [document%tokens, tokens]
       n_found = 0
@@ -286,25 +247,21 @@ contains
          call parse_assignment(document, group, last)
       end do
       if (number > n_found) then
-         call document%complain(name_token, 'the scene has no group of that number', &
-                                document%source(2)%line(name_token%line))
+         call document%complain(head(1), 'the scene has no group of that number', text)
       else if (last < size(document%tokens)) then
          call document%complain(document%tokens(last + 1), 'an option sets one value')
       end if
-   end subroutine apply_override
+   end subroutine parse_override
 
    !> Adds a group whose name is at a token.
    subroutine add_group(self, place)
       class(document_type), intent(inout) :: self
       type(token_type), intent(in) :: place
-      type(group_type) :: group
       character(:), allocatable :: name
 
-      name = self%text_of(place)
+      name = lowered(self%text_of(place))
       if (place%kind == token_group) name = name(2:)
-      group%name = lowered(name)
-      group%place = place
-      self%groups = [self%groups, group]
+      self%groups = [self%groups, group_type(name, place)]
    end subroutine add_group
 
    !> Index of the first group of a name, or of the number-th one; 0 if there is none.
@@ -340,12 +297,9 @@ contains
 
       text = ''
       if (given%last_value < given%first_value) return
-      associate (first => self%tokens(given%first_value))
-         last = given%last_value
-         do while (self%tokens(last)%line > first%line)
-            last = last - 1
-         end do
-         text = self%source(first%source)%text(first%start:self%tokens(last)%last)
+      associate (tokens => self%tokens(given%first_value:given%last_value))
+         last = count(tokens%line == tokens(1)%line)
+         text = self%source(tokens(1)%source)%text(tokens(1)%start:tokens(last)%last)
       end associate
    end function values_text
 
@@ -362,31 +316,27 @@ contains
       if (index(self%text_of(token), '#') == 1) rule = 'a comment begins with !'
    end function rule_on
 
-   !> Hint if a value may be one half of a decimal with a comma, such as 0,2; else empty.
+   !> Hint if a value may be one half of a decimal with a comma, such as 0,2: digits, a comma and a
+   !> digit, without a blank between. Else empty.
    pure function comma_hint(self, i_token) result(hint)
       class(document_type), intent(in) :: self
       integer, intent(in) :: i_token   !! index into self%tokens
       character(:), allocatable :: hint
+      integer :: i
 
       hint = ''
-      if (self%has_comma_inside(i_token) .or. self%has_comma_inside(i_token - 2)) &
-         hint = ' (commas separate values: decimals follow a point)'
+      do i = i_token - 2, i_token, 2
+         if (i < 1 .or. i + 2 > size(self%tokens)) cycle
+         associate (left => self%tokens(i), comma => self%tokens(i + 1), &
+                    right => self%tokens(i + 2))
+            if (comma%kind /= token_comma .or. left%last + 1 /= comma%first .or. &
+                comma%last + 1 /= right%first) cycle
+            if (verify(self%text_of(left), digits) == 0 .and. &
+                scan(self%text_of(right), digits) == 1) &
+               hint = ' (commas separate values: decimals follow a point)'
+         end associate
+      end do
    end function comma_hint
-
-   !> True if tokens i to i + 2 are digits, a comma and a digit, without a blank between.
-   pure logical function has_comma_inside(self, i)
-      class(document_type), intent(in) :: self
-      integer, intent(in) :: i   !! index into self%tokens; may lie outside
-
-      has_comma_inside = .false.
-      if (i < 1 .or. i + 2 > size(self%tokens)) return
-      associate (left => self%tokens(i), comma => self%tokens(i + 1), right => self%tokens(i + 2))
-         if (comma%kind /= token_comma .or. left%last + 1 /= comma%first .or. &
-             comma%last + 1 /= right%first) return
-         has_comma_inside = verify(self%text_of(left), digits) == 0 .and. &
-                            scan(self%text_of(right), digits) == 1
-      end associate
-   end function has_comma_inside
 
    !> Adds a complaint at a token, `file:line: subject: rule`.
    subroutine complain(self, token, rule, subject)
