@@ -57,10 +57,8 @@ contains
          if (status /= 0 .or. .not. abs(back - value) > 0.0_wp) exit
       end do
       text = trim(adjustl(buffer))
-      if (text(1:1) == '.') text = '0'//text
-      if (len(text) > 1) then
-         if (text(1:2) == '-.') text = '-0'//text(2:)
-      end if
+      if (index(text, '.') == 1) text = '0'//text
+      if (index(text, '-.') == 1) text = '-0'//text(2:)
    end function text_of_real
 
    !> Text of a number in so many significant digits.
@@ -113,7 +111,7 @@ contains
       integer :: first, status
 
       value = 0
-      first = after_sign(text)
+      first = merge(2, 1, scan(text, '+-') == 1)   ! after an optional sign
       if (first > len(text) .or. verify(text(first:), digits) /= 0) then
          rule = 'must be a whole number'
          return
@@ -134,7 +132,7 @@ contains
       integer :: first, letter, point, exponent, leading, status
 
       value = 0.0_wp
-      first = after_sign(text)
+      first = merge(2, 1, scan(text, '+-') == 1)   ! after an optional sign
       letter = scan(text, 'eEdDqQ')
       if (letter == 0) letter = len(text) + 1
       mantissa = text(min(first, len(text) + 1):letter - 1)
@@ -177,20 +175,9 @@ contains
       call parse_integer(text(2:), limit, value, rule)
       exponent = int(value)
       if (.not. allocated(rule)) return
-      if (value == limit) then   ! out of range, whatever the sign
-         deallocate (rule)
-      else
-         rule = 'must be a number'
-      end if
+      rule = 'must be a number'
+      if (value == limit) deallocate (rule)   ! out of range, whatever the sign
    end subroutine parse_exponent
-
-   !> Position after an optional sign.
-   pure integer function after_sign(text)
-      character(*), intent(in) :: text
-
-      after_sign = 1
-      if (scan(text, '+-') == 1) after_sign = 2
-   end function after_sign
 
    !> Text in lower case.
    pure function lowered(text)
@@ -288,11 +275,9 @@ contains
    pure function suggestion(name, known) result(text)
       character(*), intent(in) :: name, known(:)
       character(:), allocatable :: text
-      character(len(known)) :: nearest
 
-      nearest = nearest_name(name, known)
-      text = '; there are '//joined(known)
-      if (nearest /= '') text = ', did you mean '//trim(nearest)//'?'
+      text = ', did you mean '//trim(nearest_name(name, known))//'?'
+      if (nearest_name(name, known) == '') text = '; there are '//joined(known)
    end function suggestion
 
    !> Path as a word of a shell command, quoted if it has blanks or other special characters.
@@ -306,9 +291,8 @@ contains
       if (scan(path, signs) == 0) return
       word = quote
       do i = 1, len(path)
-         if (path(i:i) == quote) word = word//quote//'\'   ! ends the quotes for one sign
+         if (path(i:i) == quote) word = word//quote//'\'//quote   ! ends the quotes for one sign
          word = word//path(i:i)
-         if (path(i:i) == quote) word = word//quote
       end do
       word = word//quote
    end function shell_word
