@@ -117,15 +117,12 @@ contains
    contains
 
       !> Value for each dof.
-      pure function per_dof(values) result(all_values)
+      pure function per_dof(values)
          real(wp), intent(in) :: values(:)   !! one for all dofs, or one per dof
-         real(wp) :: all_values(scene%chain%n_dof)
+         real(wp) :: per_dof(scene%chain%n_dof)
+         integer :: i
 
-         if (size(values) == 1) then
-            all_values = values(1)
-         else
-            all_values = values
-         end if
+         per_dof = values([(min(i, size(values)), i=1, size(per_dof))])
       end function per_dof
 
    end subroutine plan_chain
@@ -202,7 +199,7 @@ contains
       type(case_type), allocatable :: levels(:)
       integer :: i
 
-      levels = levels_of(scene)
+      levels = scene%excitation%levels()
       if (scene%runs_deterministic()) plan%cases = levels
       if (.not. scene%runs_samples()) return
       levels%n_samples = scene%campaign%n_samples
@@ -211,28 +208,6 @@ contains
          plan%cases = [plan%cases, levels]
       end do
    end subroutine plan_cases
-
-   !> One case of one sample for each force level; for sines the frequency varies fastest.
-   pure function levels_of(scene) result(levels)
-      type(scene_type), intent(in) :: scene
-      type(case_type), allocatable :: levels(:)
-      integer :: i
-
-      associate (excitation => scene%excitation)
-         allocate (levels(excitation%n_levels()))
-         select case (excitation%kind)
-         case ('band_limited')
-            levels%strength = excitation%variance
-         case ('sine')
-            associate (n => size(excitation%frequency))
-               levels%frequency = [(excitation%frequency(1 + modulo(i, n)), i=0, size(levels) - 1)]
-               levels%strength = [(excitation%amplitude(1 + i/n), i=0, size(levels) - 1)]
-            end associate
-         case default
-            levels%strength = excitation%factor
-         end select
-      end associate
-   end function levels_of
 
    !> Name of a scene: the name of its file without folder and extension.
    pure function scene_name(path) result(name)

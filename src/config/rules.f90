@@ -228,14 +228,16 @@ contains
    subroutine check_number_of_cases(scene, reader)
       type(scene_type), intent(in) :: scene
       type(reader_type), intent(inout) :: reader
+      integer :: n_levels
       integer(long) :: n
 
-      n = (1 + sum(n_processes(scene%processes)))*scene%excitation%n_levels()
+      n_levels = size(scene%excitation%levels())
+      n = (1 + sum(n_processes(scene%processes)))*n_levels
       call reader%require(n <= max_cases, 'excitation', scene%excitation%level_name(), &
                           'the scene makes '//to_text(n)//' cases: must be at most '// &
                           to_text(max_cases))
       if (n > max_cases .or. .not. scene%runs_samples()) return
-      n = (n - scene%excitation%n_levels())*scene%campaign%n_samples
+      n = (n - n_levels)*scene%campaign%n_samples
       call reader%require(n <= max_samples, 'campaign', 'n_samples', 'the scene makes '// &
                           to_text(n)//' samples: must be at most '//to_text(max_samples))
    end subroutine check_number_of_cases

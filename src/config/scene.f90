@@ -112,51 +112,30 @@ contains
             call reader%end_group()
          end do
       end do
-      scene%has_structure = is_there('structure')
-      scene%has_chain = is_there('chain')
-      scene%has_excitation = is_there('excitation')
+      scene%has_structure = reader%find_group('structure') > 0
+      scene%has_chain = reader%find_group('chain') > 0
+      scene%has_excitation = reader%find_group('excitation') > 0
       call note_unused(reader, scene)
-
-   contains
-
-      pure logical function is_there(group)
-         character(*), intent(in) :: group
-
-         is_there = reader%find_group(group) > 0
-      end function is_there
-
    end subroutine read_groups
 
    !> Lists the values that are given and have no effect.
    subroutine note_unused(reader, scene)
       type(reader_type), intent(in) :: reader
       type(scene_type), intent(inout) :: scene
-      character(*), parameter :: motion_groups(*) = &
-                              [character(12) :: 'excitation', 'integration', 'campaign', 'accuracy']
+      character(*), parameter :: motion_groups(*) = [character(12) :: &
+                                 '&excitation', '&integration', '&campaign', '&accuracy']
       integer :: i
 
       scene%unused = reader%unused
-      if (scene%has_motion()) then
-         if (reader%was_given('chain', 'friction') .and. .not. scene%runs_deterministic()) &
-            call note('chain%friction')
-         if (any([(reader%was_given('process', 'n_points', i), i=1, size(scene%processes))])) &
-            call note('process%n_points')
-         return
-      end if
       do i = 1, size(motion_groups)
-         if (reader%find_group(trim(motion_groups(i))) > 0) call note('&'//motion_groups(i))
+         if (reader%find_group(trim(motion_groups(i) (2:))) > 0 .and. .not. scene%has_motion()) &
+            scene%unused = [character(80) :: scene%unused, motion_groups(i)]
       end do
-
-   contains
-
-      subroutine note(name)
-         character(*), intent(in) :: name
-         character(len(scene%unused)) :: padded_name
-
-         padded_name = name
-         scene%unused = [scene%unused, padded_name]
-      end subroutine note
-
+      if (.not. scene%has_motion()) return
+      if (reader%was_given('chain', 'friction') .and. .not. scene%runs_deterministic()) &
+         scene%unused = [character(80) :: scene%unused, 'chain%friction']
+      if (any([(reader%was_given('process', 'n_points', i), i=1, size(scene%processes))])) &
+         scene%unused = [character(80) :: scene%unused, 'process%n_points']
    end subroutine note_unused
 
 end module config_scene

@@ -320,40 +320,28 @@ contains
       integer, intent(in) :: n_ranks
       character(:), allocatable :: text
       type(case_pool), allocatable :: pools(:)
-      integer, allocatable :: sizes(:, :)   ! (samples and cases, pool)
-      character(64), allocatable :: parts(:)
-      integer :: n_alike, p
+      character(64), allocatable :: parts(:), sizes(:)   ! sizes (pool)
+      integer :: n_plain, p
 
       text = ''
       if (all(plan%cases%n_samples <= 1)) return
       pools = find_pools(plan)
-      sizes = reshape([(sum(pools(p)%n_fitted), size(pools(p)%cases), p=1, size(pools))], &
-                      [2, size(pools)])
-      allocate (parts(0))
+      allocate (sizes(size(pools)), parts(0))
       do p = 1, size(pools)
-         if (any(is_alike(sizes(:, :p - 1), sizes(:, p)))) cycle
-         n_alike = count(is_alike(sizes, sizes(:, p)))
-         parts = [character(64) :: parts, counted(n_alike, 'regression', 'regressions')// &
-                  ' over '//to_text(sizes(1, p))//' samples of '// &
-                  counted(sizes(2, p), 'case', 'cases')]
+         sizes(p) = to_text(sum(pools(p)%n_fitted))//' samples of '// &
+                   counted(size(pools(p)%cases), 'case', 'cases')
+      end do
+      do p = 1, size(pools)
+         if (any(sizes(:p - 1) == sizes(p))) cycle
+         parts = [character(64) :: parts, counted(count(sizes == sizes(p)), 'regression', &
+                                                  'regressions')//' over '//trim(sizes(p))]
       end do
       if (size(pools) > 0) parts = [character(64) :: parts, duration(seconds/n_ranks)//' on '// &
                                     counted(n_ranks, 'rank', 'ranks')]
-      n_alike = count(estimators_of(plan) == 'plain' .and. plan%cases%n_samples > 1)
-      if (n_alike > 0) parts = [character(64) :: parts, 'plain sampling of '// &
-                                counted(n_alike, 'case', 'cases')]
+      n_plain = count(estimators_of(plan) == 'plain' .and. plan%cases%n_samples > 1)
+      if (n_plain > 0) parts = [character(64) :: parts, 'plain sampling of '// &
+                                counted(n_plain, 'case', 'cases')]
       text = labelled('estimates', joined(parts))
-
-   contains
-
-      !> True for each pool of the given size.
-      pure function is_alike(all_sizes, one)
-         integer, intent(in) :: all_sizes(:, :), one(:)
-         logical :: is_alike(size(all_sizes, 2))
-
-         is_alike = all_sizes(1, :) == one(1) .and. all_sizes(2, :) == one(2)
-      end function is_alike
-
    end function estimates_text
 
    !> Text on the samples that the audit repeats, and its method.

@@ -1,9 +1,8 @@
 !> &chain, &structure, &excitation and &integration: the structure, the forces on it and its
 !> integration in time.
 module config_groups_motion
-   use campaign_plan, only: excitation_settings, integration_settings
-   use config_text_value_table, only: closed_interval, entry_type, not_negative, open_interval, &
-      positive, visitor_type
+   use campaign_plan, only: case_type, excitation_settings, integration_settings
+   use config_text_value_table, only: entry_type, interval, not_negative, positive, visitor_type
    use core_kinds, only: wp
    use dynamics_newmark_march, only: most_halvings
    use structure_model, only: most_dofs
@@ -46,7 +45,7 @@ module config_groups_motion
       character(:), allocatable :: psd        !! path of a file; '' if not given
       real(wp), allocatable :: factor(:)      !! factor of a force from a file or spectrum
    contains
-      procedure :: n_levels
+      procedure :: levels
       procedure :: level_name
    end type excitation_group
 
@@ -59,7 +58,7 @@ contains
 
       call visitor%visit(self%n_dof, entry_type('n_dof', &
          'number of masses; the first is next to the wall', &
-         rule=closed_interval(1.0_wp, real(most_dofs, wp)), &
+         rule=interval(1.0_wp, real(most_dofs, wp)), &
          default='length of the longest list, else 5'))
       call visitor%visit(self%mass, entry_type('mass', 'one value, or one per dof', 'kg', &
          positive, per_dof=self%n_dof), default=[1.0_wp])
@@ -145,19 +144,26 @@ contains
          'each sample has its own force record; else only the friction differs'))
    end subroutine visit_excitation
 
-   !> Number of force levels: cases of each process.
-   pure integer function n_levels(self)
+   !> One case of one sample for each force level; for sines the frequency varies fastest.
+   pure function levels(self)
       class(excitation_group), intent(in) :: self
+      type(case_type), allocatable :: levels(:)
+      real(wp), allocatable :: strength(:)
+      integer :: i
 
       select case (self%kind)
       case ('band_limited')
-         n_levels = size(self%variance)
+         strength = self%variance
       case ('sine')
-         n_levels = size(self%frequency)*size(self%amplitude)
+         strength = [(spread(self%amplitude(i), 1, size(self%frequency)), &
+                      i=1, size(self%amplitude))]
       case default
-         n_levels = size(self%factor)
+         strength = self%factor
       end select
-   end function n_levels
+      allocate (levels(size(strength)))
+      levels%strength = strength
+      if (self%kind == 'sine') levels%frequency = [(self%frequency, i=1, size(self%amplitude))]
+   end function levels
 
    !> Name of the value that the force levels differ in.
    pure function level_name(self) result(name)
@@ -183,20 +189,20 @@ contains
          'newmark: the scheme of Sec. 3; event: the exact march', choices='newmark event'))
       call visitor%visit(self%dt, entry_type('dt', 'time step', 's', positive))
       call visitor%visit(self%n_steps, entry_type('n_steps', &
-         'time steps; 0: as many as a force file has', rule=closed_interval(0.0_wp, 2.0e9_wp)))
+         'time steps; 0: as many as a force file has', rule=interval(0.0_wp, 2.0e9_wp)))
       call visitor%visit(self%n_discard, entry_type('n_discard', &
          'first steps, left out of all statistics', rule=not_negative))
       call visitor%visit(self%max_halvings, entry_type('max_halvings', &
          'newmark: steps with a transition are halved down to dt/2^max_halvings', &
-         rule=closed_interval(0.0_wp, real(most_halvings, wp)), is_used=self%method == 'newmark'))
+         rule=interval(0.0_wp, real(most_halvings, wp)), is_used=self%method == 'newmark'))
       call visitor%visit(self%beta, entry_type('beta', "newmark: the scheme's beta", &
-         rule=closed_interval(0.0_wp, 0.5_wp), is_used=self%method == 'newmark'))
+         rule=interval(0.0_wp, 0.5_wp), is_used=self%method == 'newmark'))
       call visitor%visit(self%gamma, entry_type('gamma', &
-         "newmark: the scheme's gamma; 0.5 adds no damping", rule=closed_interval(0.5_wp, 1.0_wp), &
+         "newmark: the scheme's gamma; 0.5 adds no damping", rule=interval(0.5_wp, 1.0_wp), &
          is_used=self%method == 'newmark'))
       call visitor%visit(self%tolerance, entry_type('tolerance', &
-         'event: error of a displacement relative to its rms', rule=open_interval(0.0_wp, 1.0_wp), &
-         is_used=self%method == 'event'))
+         'event: error of a displacement relative to its rms', &
+         rule=interval(0.0_wp, 1.0_wp, is_open=.true.), is_used=self%method == 'event'))
    end subroutine visit_integration
 
 end module config_groups_motion

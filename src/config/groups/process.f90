@@ -1,7 +1,7 @@
 !> &process: requests for maximum-entropy processes (Sec. 2). The group may be repeated.
 module config_groups_process
-   use config_text_value_table, only: choice_length, closed_interval, entry_type, not_negative, &
-      positive, rule_type, visitor_type
+   use config_text_value_table, only: choice_length, entry_type, interval, not_negative, positive, &
+      visitor_type
    use core_kinds, only: wp
    use process_model, only: process_request
    implicit none(type, external)
@@ -33,8 +33,7 @@ contains
       call visitor%visit_text(self%values, entry_type('values', &
          'given friction values in place of a process: a text file, one line for each '// &
          'sample, one value for each friction point', in_fingerprint=.false.))
-      has_law = .true.
-      if (allocated(self%values)) has_law = self%values == ''
+      has_law = self%values == ''
       call visitor%visit(self%shared%method, entry_type('method', &
          'autoregressive: a recursion of finite order (Sec. 2.3); direct: correlation '// &
          'lengths cut at m_max (Sec. 2.2)', choices='autoregressive direct'))
@@ -47,27 +46,29 @@ contains
       call visitor%visit(self%shared%second_length, entry_type('second_length', &
          "with correlation = 'both': the L1, beside L0 in correlation_length", 'points', &
          not_negative, is_used=self%shared%correlation == 'both'))
+      ! the paper has orders 2, 5 and 10 for its lengths 0.3, 1 and 3
       call visitor%visit(self%orders, entry_type('order', &
          'order M of the recursion; m_max of the direct method, where it must be given; '// &
-         '0: chosen from the bounds', rule=closed_interval(0.0_wp, 2000.0_wp), &
+         '0: chosen from the bounds', rule=interval(0.0_wp, 2000.0_wp), &
          default='for each length: 2 below 0.65, 5 below 2, else 10'), &
-         default=default_orders(self%lengths))
+         default=merge(2, merge(5, 10, self%lengths < 2.0_wp), self%lengths < 0.65_wp))
       call visitor%visit(self%pairing, entry_type('pairing', &
          'zip: one order for each correlation length, or one for all; product: every order '// &
          'with every length', choices='zip product'))
       call visitor%visit(self%range_l0, entry_type('bound_l0', &
          'with order = 0 and L1 imposed: bound on L0, or lower and upper bound; 0: none', &
-         'points', not_negative, is_used=any_zero(self%orders)), default=[0.0_wp])
+         'points', not_negative, is_used=any(self%orders == 0)), default=[0.0_wp])
       call visitor%visit(self%range_l1, entry_type('bound_l1', &
          'with order = 0 and L0 imposed: bound on L1, or lower and upper bound; 0: none', &
-         'points', not_negative, is_used=any_zero(self%orders)), default=[0.0_wp])
+         'points', not_negative, is_used=any(self%orders == 0)), default=[0.0_wp])
       call visitor%visit(self%shared%bound_side, entry_type('bound_side', &
          'side of a single bound; automatic: upper for L1, lower for L0, which gives the '// &
          'largest order', choices='automatic upper lower', &
-         is_used=is_one_sided(self%range_l0, self%range_l1)))
+         is_used=any([self%range_l0, self%range_l1] > 0.0_wp) .and. &
+         size(self%range_l0) == 1 .and. size(self%range_l1) == 1))
       call visitor%visit(self%shared%max_order, entry_type('max_order', &
-         'with order = 0: largest order tried', rule=closed_interval(1.0_wp, 200.0_wp), &
-         is_used=any_zero(self%orders)))
+         'with order = 0: largest order tried', rule=interval(1.0_wp, 200.0_wp), &
+         is_used=any(self%orders == 0)))
       call visitor%visit(self%shared%mean, entry_type('mean', &
          'mean of the process, the same at every point', is_required=has_law))
       call visitor%visit(self%stds, entry_type('std', &
@@ -83,14 +84,14 @@ contains
          'K(m) that change sign', choices='any nonnegative', is_used=self%shared%positive))
       call visitor%visit(self%shared%fit_steps, entry_type('fit_steps', &
          'positive process of order 2 or more: simulated values in each of the 512 batches '// &
-         'of its fit; 0: chosen', rule=closed_interval(0.0_wp, 1048576.0_wp), &
+         'of its fit; 0: chosen', rule=interval(0.0_wp, 1048576.0_wp), &
          is_used=self%shared%positive .and. self%shared%fit_steps > 0))
       call visitor%visit(self%shared%all_signs, entry_type('all_signs', &
          'direct method: solve every sequence of signs (at most 2**30; positive: 2**11) '// &
          'and list the best', is_used=self%shared%method == 'direct'))
       call visitor%visit(self%shared%inversion_half_width, entry_type('inversion_half_width', &
          "direct method: M of the paper's inversion (Eq. 35), as a check; 0: no check", &
-         rule=closed_interval(0.0_wp, 2000.0_wp), &
+         rule=interval(0.0_wp, 2000.0_wp), &
          is_used=self%shared%method == 'direct' .and. .not. self%shared%positive))
       call visitor%visit(self%shared%simulation, entry_type('simulation', &
          'how values without sign constraint are drawn: Eq. 39 from its stationary law or '// &
@@ -98,39 +99,10 @@ contains
          is_used=.not. self%shared%positive))
       call visitor%visit(self%n_points, entry_type('n_points', &
          'points of a realization, the same in all &process; not used with motion: the joints '// &
-         'determine it', rule=rule_type(lower=1.0_wp), in_fingerprint=.false.))
+         'determine it', rule=interval(lower=1.0_wp), in_fingerprint=.false.))
       call visitor%visit(self%n_realizations, entry_type('n_realizations', &
          'realizations to write, the same in all &process', rule=not_negative, &
          in_fingerprint=.false.))
    end subroutine visit_process
-
-   !> Default order for each correlation length: the paper's 2, 5 and 10 for its 0.3, 1 and 3. A
-   !> single 2 if there is no length.
-   pure function default_orders(lengths) result(orders)
-      real(wp), allocatable, intent(in) :: lengths(:)   !! [points]
-      integer, allocatable :: orders(:)
-
-      orders = [2]
-      if (.not. allocated(lengths)) return
-      if (size(lengths) == 0) return
-      orders = merge(2, merge(5, 10, lengths < 2.0_wp), lengths < 0.65_wp)
-   end function default_orders
-
-   !> True if a bound is given as one value, not as a range.
-   pure logical function is_one_sided(bound, other)
-      real(wp), allocatable, intent(in) :: bound(:), other(:)
-
-      is_one_sided = .false.
-      if (.not. (allocated(bound) .and. allocated(other))) return
-      is_one_sided = any([bound, other] > 0.0_wp) .and. max(size(bound), size(other)) == 1
-   end function is_one_sided
-
-   !> True if an order is 0: the program chooses it.
-   pure logical function any_zero(orders)
-      integer, allocatable, intent(in) :: orders(:)
-
-      any_zero = .false.
-      if (allocated(orders)) any_zero = any(orders == 0)
-   end function any_zero
 
 end module config_groups_process

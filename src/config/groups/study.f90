@@ -2,8 +2,8 @@
 !> results to keep.
 module config_groups_study
    use campaign_plan, only: accuracy_settings, output_settings
-   use config_text_value_table, only: choice_length, closed_interval, entry_type, not_negative, &
-      open_interval, visitor_type
+   use config_text_value_table, only: choice_length, entry_type, interval, not_negative, &
+      visitor_type
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
@@ -82,7 +82,7 @@ contains
          'add n_samples at a time until target_statistical is met', in_fingerprint=.false.))
       call visitor%visit(self%audit, entry_type('audit', &
          'share of the samples that the reference method repeats, to measure the numerical '// &
-         'error', rule=closed_interval(0.0_wp, 1.0_wp), in_fingerprint=.false.))
+         'error', rule=interval(0.0_wp, 1.0_wp), in_fingerprint=.false.))
    end subroutine visit_accuracy
 
    !> Visits the table of &output.
@@ -99,10 +99,11 @@ contains
          is_used=self%keeps('spectrum') .or. self%keeps('history')), default=[0])
       call visitor%visit(self%percentiles, entry_type('percentiles', &
          'percentiles of all statistics over samples, ascending', '%', &
-         open_interval(0.0_wp, 100.0_wp), in_fingerprint=.false.), default=[5.0_wp, 95.0_wp])
+         interval(0.0_wp, 100.0_wp, is_open=.true.), in_fingerprint=.false.), &
+         default=[5.0_wp, 95.0_wp])
       call visitor%visit(self%segment_length, entry_type('segment_length', &
          'steps of a Welch segment of the spectra; at most all steps', &
-         rule=closed_interval(8.0_wp, 1.0e8_wp), is_used=self%keeps('spectrum')))
+         rule=interval(8.0_wp, 1.0e8_wp), is_used=self%keeps('spectrum')))
       call visitor%visit(self%spectrum_every, entry_type('spectrum_every', &
          'every n-th step enters the spectra; 0: n is chosen, and stated in the results', &
          rule=not_negative, is_used=self%keeps('spectrum')))

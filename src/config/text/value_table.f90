@@ -8,30 +8,29 @@ module config_text_value_table
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: entry_type, lister_type, row_type, rule_type, visitor_type, word_type
-   public :: closed_interval, open_interval, not_negative, positive
-   public :: choice_length, name_length
+   public :: entry_type, interval, lister_type, row_type, visitor_type, word_type
+   public :: choice_length, name_length, not_negative, positive
 
    integer, parameter :: name_length = 24, choice_length = 16, doc_length = 132
 
    !> Interval that a number must lie in.
-   type :: rule_type
+   type :: interval
       real(wp) :: lower = -huge(1.0_wp), upper = huge(1.0_wp)
-      logical :: excludes_lower = .false., excludes_upper = .false.
+      logical :: is_open = .false.   !! True: without its ends
    contains
       procedure :: admits
       procedure :: text => rule_text
-   end type rule_type
+   end type interval
 
-   type(rule_type), parameter :: positive = rule_type(lower=0.0_wp, excludes_lower=.true.), &
-                                 not_negative = rule_type(lower=0.0_wp)
+   type(interval), parameter :: positive = interval(lower=0.0_wp, is_open=.true.), &
+                                not_negative = interval(lower=0.0_wp)
 
    !> Description of one value or list of a group.
    type :: entry_type
       character(name_length) :: name
       character(doc_length) :: doc = ''        !! meaning
       character(8) :: unit = ''
-      type(rule_type) :: rule
+      type(interval) :: rule
       character(64) :: choices = ''            !! permitted texts, blanks between; '': any text
       integer :: length = 0                    !! number of values of a list; 0: any
       integer :: per_dof = -1                  !! dofs, for a list of one value or one per dof
@@ -276,47 +275,32 @@ contains
       end do
    end function choices_text
 
-   !> Rule lower <= value <= upper.
-   elemental type(rule_type) function closed_interval(lower, upper)
-      real(wp), intent(in) :: lower, upper
-
-      closed_interval = rule_type(lower, upper)
-   end function closed_interval
-
-   !> Rule lower < value < upper.
-   elemental type(rule_type) function open_interval(lower, upper)
-      real(wp), intent(in) :: lower, upper
-
-      open_interval = rule_type(lower, upper, .true., .true.)
-   end function open_interval
-
    !> True if a value lies in the interval.
    elemental logical function admits(self, value)
-      class(rule_type), intent(in) :: self
+      class(interval), intent(in) :: self
       real(wp), intent(in) :: value
 
       admits = value >= self%lower .and. value <= self%upper
-      if (self%excludes_lower) admits = admits .and. value > self%lower
-      if (self%excludes_upper) admits = admits .and. value < self%upper
+      if (self%is_open) admits = value > self%lower .and. value < self%upper
    end function admits
 
    !> Text of the rule after `must be`: `positive`, `from 1 to 200`; '' if every number is admitted.
    pure function rule_text(self) result(text)
-      class(rule_type), intent(in) :: self
+      class(interval), intent(in) :: self
       character(:), allocatable :: text
       logical :: is_bounded
 
       is_bounded = self%upper < huge(1.0_wp)
       if (self%lower <= -huge(1.0_wp)) then
          text = ''
-      else if (is_bounded .and. self%excludes_lower) then
+      else if (is_bounded .and. self%is_open) then
          text = 'above '//short(self%lower)//' and below '//short(self%upper)
       else if (is_bounded) then
          text = 'from '//short(self%lower)//' to '//short(self%upper)
       else if (abs(self%lower) > 0.0_wp) then
          text = 'at least '//short(self%lower)
       else
-         text = trim(merge('positive        ', 'zero or positive', self%excludes_lower))
+         text = trim(merge('positive        ', 'zero or positive', self%is_open))
       end if
    end function rule_text
 
