@@ -8,7 +8,7 @@ module config_excitation_rules
    use core_source, only: find_beside, is_hdf5_file
    use core_table, only: read_table, table_type
    use core_text, only: rounded_text, to_text
-   use dynamics_excitation, only: narrow_rule, narrowest_band
+   use dynamics_excitation, only: band_rule
    use numerics_harmonic, only: periods_of_window
    implicit none(type, external)
    private
@@ -23,6 +23,7 @@ contains
    subroutine check_excitation(scene, reader)
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
+      character(:), allocatable :: rule
 
       associate (excitation => scene%excitation, n_dof => scene%n_dof())
          if (n_dof > 0) call reader%require(excitation%dof <= n_dof, group, 'dof', &
@@ -39,7 +40,9 @@ contains
          case ('psd')
             if (excitation%psd /= '') call read_density(scene, reader)
          case default
-            call check_band(scene, reader)
+            if (size(excitation%band) < 2 .or. .not. scene%integration%dt > 0.0_wp) return
+            rule = band_rule(excitation%band, scene%integration%dt)
+            call reader%require(rule == '', group, 'band', rule, '0.0, 2.5')
          end select
       end associate
    end subroutine check_excitation
@@ -75,25 +78,6 @@ contains
       end subroutine require_with_kind
 
    end subroutine check_values_of_kind
-
-   !> Checks the band of the noise against the sampling rate.
-   subroutine check_band(scene, reader)
-      type(scene_type), intent(in) :: scene
-      type(reader_type), intent(inout) :: reader
-      real(wp) :: nyquist
-
-      associate (band => scene%excitation%band)
-         if (size(band) < 2 .or. .not. scene%integration%dt > 0.0_wp) return
-         call reader%require(band(1) < band(2), group, 'band', 'must ascend')
-         nyquist = 0.5_wp/scene%integration%dt
-         call reader%require(band(2) <= nyquist, group, 'band', &
-                             'must not exceed half the sampling rate, 0.5/integration%dt = '// &
-                             rounded_text(nyquist, 6, down=.true.)//' Hz', '0.0, 2.5')
-         call reader%require(.not. band(1) < band(2) .or. &
-                             band(2) - band(1) >= narrowest_band(scene%integration%dt), group, &
-                             'band', narrow_rule(scene%integration%dt), '0.0, 2.5')
-      end associate
-   end subroutine check_band
 
    !> Checks that a period has enough steps, and the march enough periods to show whether they
    !> repeat. Removes spectra from the default of output%quantities: a sine has none.
@@ -132,7 +116,7 @@ contains
       type(scene_type), intent(inout) :: scene
       type(reader_type), intent(inout) :: reader
       type(table_type) :: table
-      character(:), allocatable :: path
+      character(:), allocatable :: path, rule
       integer :: i, n_before
 
       path = find_beside(scene%path, scene%excitation%psd)
@@ -158,8 +142,8 @@ contains
       if (table%n_rows < 2 .or. .not. any(table%value(2, :) > 0.0_wp)) &
          call reader%complaints%add_general(path//': must hold two rows or more, and power')
       if (reader%complaints%n > n_before) return
-      if (table%value(1, table%n_rows) - table%value(1, 1) < narrowest_band(scene%integration%dt)) &
-         call reader%complaints%add_general(path//': '//narrow_rule(scene%integration%dt))
+      rule = band_rule(table%value(1, [1, table%n_rows]), scene%integration%dt)
+      if (rule /= '') call reader%complaints%add_general(path//': '//rule)
       scene%density = table%value
       scene%force_label = force_label(scene%density)
    end subroutine read_density

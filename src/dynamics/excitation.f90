@@ -4,12 +4,12 @@ module dynamics_excitation
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: two_pi, wp
    use core_random, only: stream_type
-   use core_text, only: to_text
+   use core_text, only: rounded_text, to_text
    use numerics_fftw, only: good_fft_length
    use numerics_synthesis, only: signal_of_lines
    implicit none(type, external)
    private
-   public :: narrow_rule, narrowest_band, noise_force, sine_force
+   public :: band_rule, noise_force, sine_force
 
    integer, parameter :: fewest_lines = 64        !! lines in the band, for any length of record
    integer, parameter :: longest_period = 2**28   !! period of the synthesis [steps]
@@ -30,6 +30,7 @@ contains
       real(wp), intent(out) :: force(:)      !! (step) values dt apart [N]
       type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: density(:)   !! at each frequency, not negative [N^2/Hz]
+      character(:), allocatable :: name
       real(wp), allocatable :: level(:), normal(:)
       complex(wp), allocatable :: line(:)   ! line k at k times the spacing
       real(wp) :: band(2), spacing          ! [Hz]
@@ -38,14 +39,17 @@ contains
 
       band = [frequency(1), frequency(size(frequency))]
       if (present(density)) then
-         call check_band('band of excitation%psd', band, dt, error)
+         name = 'band of excitation%psd'
          level = density
          unit = 1.0_wp
       else
-         call check_band('excitation%band', band, dt, error)
+         name = 'excitation%band'
          level = spread(1.0_wp, 1, size(frequency))
          unit = band(2) - band(1)
       end if
+      if (band_rule(band, dt) /= '') &
+         call raise(error, exit_bad_input, name//' = '//to_text(band(1))//', '// &
+                    to_text(band(2))//': '//band_rule(band, dt))
       if (allocated(error)) return
       n = good_fft_length(max(size(force), ceiling(fewest_lines/((band(2) - band(1))*dt))))
       spacing = 1.0_wp/(n*dt)
@@ -102,40 +106,24 @@ contains
       end do
    end function power_between
 
-   !> Refuses a band that is not ascending, is beyond the Nyquist frequency, or is too narrow.
-   pure subroutine check_band(label, band, dt, error)
-      character(*), intent(in) :: label   !! name of the band in messages
-      real(wp), intent(in) :: band(2), dt
-      type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: name
-
-      name = label//' = '//to_text(band(1))//', '//to_text(band(2))//': '
-      if (.not. dt > 0.0_wp) then
-         call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be positive')
-      else if (.not. (band(1) >= 0.0_wp .and. band(2) > band(1))) then
-         call raise(error, exit_bad_input, name//'must ascend from 0 or more')
-      else if (.not. 2.0_wp*band(2)*dt <= 1.0_wp + 4.0_wp*epsilon(1.0_wp)) then
-         call raise(error, exit_bad_input, name//'must end at the Nyquist frequency 1/(2 dt) = '// &
-                    to_text(0.5_wp/dt)//' or below')
-      else if (band(2) - band(1) < narrowest_band(dt)) then
-         call raise(error, exit_bad_input, name//narrow_rule(dt))
-      end if
-   end subroutine check_band
-
-   !> Width of the narrowest band, in which noise has the fewest lines [Hz].
-   pure real(wp) function narrowest_band(dt)
-      real(wp), intent(in) :: dt   !! [s]
-
-      narrowest_band = fewest_lines/(longest_period*dt)
-   end function narrowest_band
-
-   !> Rule of the narrowest band, for messages.
-   pure function narrow_rule(dt) result(rule)
-      real(wp), intent(in) :: dt   !! [s]
+   !> Rule that a band of noise breaks; '' if it breaks none.
+   pure function band_rule(band, dt) result(rule)
+      real(wp), intent(in) :: band(2)   !! [Hz]
+      real(wp), intent(in) :: dt        !! [s]
       character(:), allocatable :: rule
 
-      rule = 'must not be narrower than '//to_text(narrowest_band(dt))// &
-             ' Hz, the least with this integration%dt'
-   end function narrow_rule
+      rule = ''
+      if (.not. dt > 0.0_wp) then
+         rule = 'needs a positive integration%dt'
+      else if (.not. (band(1) >= 0.0_wp .and. band(2) > band(1))) then
+         rule = 'must ascend from 0 or more'
+      else if (.not. 2.0_wp*band(2)*dt <= 1.0_wp + 4.0_wp*epsilon(1.0_wp)) then
+         rule = 'must not exceed half the sampling rate, 0.5/integration%dt = '// &
+                rounded_text(0.5_wp/dt, 6, down=.true.)//' Hz'
+      else if (band(2) - band(1) < fewest_lines/(longest_period*dt)) then
+         rule = 'must not be narrower than '//to_text(fewest_lines/(longest_period*dt))// &
+                ' Hz, the least with this integration%dt'
+      end if
+   end function band_rule
 
 end module dynamics_excitation
