@@ -4,16 +4,15 @@ module driver_tradeoff
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
    use core_kinds, only: wp
-   use core_text, only: counted
    use core_terminal, only: say
+   use core_text, only: counted
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
    use driver_output, only: open_new_output, output_type
    use driver_processes, only: solve_processes
    use driver_provenance, only: begin_results
-   use driver_tradeoff_text, only: components_text, fits_text, orders_text, settings_text, &
-                                   sizes_text, spectra_text, variants_text, wanted_text
+   use driver_tradeoff_text, only: tradeoff_text
    use driver_trial_runs, only: measure_settings
    use io_hdf5, only: hdf5_file
    use io_results, only: finish_results
@@ -65,9 +64,11 @@ contains
                             error)
       call output%stop_on(error)
       if (world%is_root() .and. .not. is_stopped) then
+         found%plan = plan
+         found%n_ranks = world%n_ranks
          call compare_orders(plan, found%orders)
-         call output%say(text_of(plan, models, found, world%n_ranks)//output%path)
-         call write_findings(output, plan, found, error)
+         call output%say(tradeoff_text(found, models)//output%path)
+         call write_findings(output, found, error)
       end if
       call output%stop_on(error)
       if (is_stopped) call output%say('stopped early; nothing is kept: start again to measure anew')
@@ -85,9 +86,16 @@ contains
       logical, intent(out) :: is_stopped
       type(error_type), allocatable, intent(out) :: error
       type(trial_scope) :: scope
+      type(plan_type) :: varied   ! plan with other orders and other lengths of the fit
 
       scope = trial_scope(budget=budget, for_table=.true., is_statistical=.true., models=models)
-      call fit_variants(world, plan, is_quiet, scope)
+      call list_variants(plan, models, scope%variants)
+      if (size(scope%variants) > 0 .and. .not. is_quiet) &
+         call say('fitting '//counted(size(scope%variants), 'variant', 'variants')// &
+                  ' of processes')
+      varied = plan
+      varied%processes = scope%variants%request
+      call solve_processes(world, varied, is_quiet, scope%variant_models)
       is_stopped = world%any_true(time_to_stop())
       if (is_stopped) return
       call measure_settings(world, plan, force, scope, is_quiet, found%tradeoff, is_stopped, &
@@ -102,60 +110,17 @@ contains
       found%variants = variant_rows_of(found%tradeoff)
    end subroutine measure_march
 
-   !> Fits the scene's processes with other orders and other lengths of the fit. Collective.
-   subroutine fit_variants(world, plan, is_quiet, scope)
-      type(world_type), intent(in) :: world
-      type(plan_type), intent(in) :: plan
-      logical, intent(in) :: is_quiet
-      type(trial_scope), intent(inout) :: scope
-      type(plan_type) :: varied
-
-      call list_variants(plan, scope%models, scope%variants)
-      if (size(scope%variants) > 0 .and. .not. is_quiet) &
-         call say('fitting '//counted(size(scope%variants), 'variant', 'variants')// &
-                  ' of processes')
-      varied = plan
-      varied%processes = scope%variants%request
-      call solve_processes(world, varied, is_quiet, scope%variant_models)
-   end subroutine fit_variants
-
-   !> Text for the terminal.
-   function text_of(plan, models, found, n_ranks) result(text)
-      type(plan_type), intent(in) :: plan
-      type(process_model_type), intent(in) :: models(:)
-      type(tradeoff_findings), intent(in) :: found
-      integer, intent(in) :: n_ranks
-      character(:), allocatable :: text
-      character, parameter :: line_feed = new_line('a')
-
-      text = ''
-      if (plan%has_structure) then
-         text = settings_text(plan, found%tradeoff, found%settings, n_ranks)// &
-                wanted_text(plan, found%settings, n_ranks)//line_feed// &
-                components_text(plan, found%settings, found%tradeoff%own, found%errors, n_ranks)// &
-                line_feed
-         text = text//sizes_text(plan, found%sizes, n_ranks)//line_feed
-         if (size(found%spectra) > 0) text = text//spectra_text(found%spectra)//line_feed
-         if (size(found%variants) > 0) &
-            text = text//variants_text(plan, found%tradeoff%scope%variants, found%variants)// &
-                   line_feed
-      end if
-      if (size(found%orders) > 0) &
-         text = text//orders_text(found%orders)//line_feed//fits_text(models)
-   end function text_of
-
    !> Writes the results file, whole or not at all.
-   subroutine write_findings(output, plan, found, error)
+   subroutine write_findings(output, found, error)
       type(output_type), intent(inout) :: output
-      type(plan_type), intent(in) :: plan
       type(tradeoff_findings), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
 
-      call begin_results(output%store, plan, output%scene, output%overrides, &
+      call begin_results(output%store, found%plan, output%scene, output%overrides, &
                          output%world%n_ranks, file, error)
       if (allocated(error)) return
-      call write_tradeoff(file, plan, found, error)
+      call write_tradeoff(file, found, error)
       if (allocated(error)) then
          call discard_file(file)
       else

@@ -1,26 +1,39 @@
 !> Tables of `entroslip tradeoff`: settings, cheapest settings for wanted errors, components of the
 !> error, numbers of samples and steps, spectra, orders of processes and lengths of their fits.
 module driver_tradeoff_text
-   use campaign_plan, only: plan_type
    use core_kinds, only: wp
    use core_text, only: brief, counted, duration, labelled, numbered, padded, to_text
+   use io_tradeoff_results, only: tradeoff_findings
    use numerics_sorting, only: sort_order
    use process_model, only: process_model_type
-   use tradeoff_effects, only: variant_row
-   use tradeoff_front, only: error_components, has_drawn_friction, meets_targets, sample_steps, &
-                             setting_row, size_row, spectrum_row
+   use tradeoff_front, only: has_drawn_friction, meets_targets
    use tradeoff_settings, only: setting_dt, setting_type
-   use tradeoff_task_results, only: band_ratio, psd_mean, psd_percentiles, slip, slip_std
-   use tradeoff_tasks, only: tradeoff_type
-   use tradeoff_variants, only: order_row, variant_type
+   use tradeoff_task_results, only: band_ratio, n_published, psd_mean, psd_percentiles, slip, &
+                                    slip_std
+   use tradeoff_variants, only: variant_type
    implicit none(type, external)
    private
-   public :: components_text, fits_text, orders_text, setting_text, settings_text, sizes_text, &
-             spectra_text, variants_text, wanted_text
+   public :: setting_text, tradeoff_text
 
    character, parameter :: line_feed = new_line('a')
 
 contains
+
+   !> All tables, each with an empty line below it.
+   function tradeoff_text(found, models) result(text)
+      type(tradeoff_findings), intent(in) :: found
+      type(process_model_type), intent(in) :: models(:)
+      character(:), allocatable :: text
+
+      text = ''
+      if (found%plan%has_structure) then
+         text = settings_text(found)//line_feed//wanted_text(found)//line_feed// &
+                components_text(found)//line_feed//sizes_text(found)//line_feed
+         if (size(found%spectra) > 0) text = text//spectra_text(found)//line_feed
+         if (size(found%variants) > 0) text = text//variants_text(found)//line_feed
+      end if
+      if (size(found%orders) > 0) text = text//orders_text(found)//line_feed//fits_text(models)
+   end function tradeoff_text
 
    !> Text on a setting, as "event, tolerance 1e-3" or "newmark, dt 0.0042, 4 halvings".
    pure function setting_text(setting, dt) result(text)
@@ -38,289 +51,230 @@ contains
    end function setting_text
 
    !> Table of the settings on the front and of the scene's own, with the extent of the marches.
-   pure function settings_text(plan, tradeoff, rows, n_ranks) result(text)
-      type(plan_type), intent(in) :: plan
-      type(tradeoff_type), intent(in) :: tradeoff
-      type(setting_row), intent(in) :: rows(:)
-      integer, intent(in) :: n_ranks
+   pure function settings_text(found) result(text)
+      type(tradeoff_findings), intent(in) :: found
       character(:), allocatable :: text
+      character(*), parameter :: columns = '  |method   |dt [s]   |halvings |tolerance |'// &
+                                           'slip [points] |bands [%]  |ns/step  |run [s]'
       integer, allocatable :: ranking(:)
       integer :: i, k
+      logical :: has_bands
 
-      text = labelled('measured', counted(size(rows), 'setting', 'settings')//' on '// &
-                      counted(sum([(size(tradeoff%levels(k)%sample), &
-                                    k=1, size(tradeoff%levels))]), 'sample', 'samples')//' at '// &
-                      counted(size(tradeoff%levels), 'level', 'levels')//' of force, '// &
-                      to_text(tradeoff%plan%integration%n_steps)//' steps each')// &
-             labelled('against', 'event, tolerance 1e-12, on the same samples; errors are the '// &
-                      'largest over levels and dofs')//line_feed// &
-             '  method   dt [s]   halvings tolerance slip [points] bands [%]  ns/step  run [s]'// &
-             line_feed
-      ranking = sort_order(rows%cost)
-      do i = 1, size(ranking)
-         associate (row => rows(ranking(i)))
-            if (row%is_on_front .or. row%is_own) text = text//line_of(row)
-         end associate
-      end do
+      associate (rows => found%settings, plan => found%plan, levels => found%tradeoff%levels)
+         text = labelled('measured', counted(size(rows), 'setting', 'settings')//' on '// &
+                         counted(sum([(size(levels(k)%sample), k=1, size(levels))]), 'sample', &
+                                 'samples')//' at '//counted(size(levels), 'level', 'levels')// &
+                         ' of force, '//to_text(found%tradeoff%plan%integration%n_steps)// &
+                         ' steps each')// &
+                labelled('against', 'event, tolerance 1e-12, on the same samples; errors are '// &
+                         'the largest over levels and dofs')//line_feed//row_text(columns, columns)
+         has_bands = plan%output%spectrum .and. maxval(plan%cases%n_samples) > 1
+         ranking = sort_order(rows%cost)
+         do i = 1, size(ranking)
+            associate (row => rows(ranking(i)), setting => rows(ranking(i))%setting)
+               if (.not. (row%is_on_front .or. row%is_own)) cycle
+               text = text//row_text(columns, merge('*', ' ', row%is_own)//'|'// &
+                      setting%method//'|'//brief(setting_dt(setting, plan%integration%dt))//'|'// &
+                      known(1.0_wp*setting%max_halvings, setting%method == 'newmark')//'|'// &
+                      known(setting%tolerance, setting%method == 'event')//'|'// &
+                      brief(row%error(slip))//'|'//known(100*row%error(band_ratio), has_bands)// &
+                      '|'//brief(row%cost)//'|'//brief(row%seconds/found%n_ranks))
+            end associate
+         end do
+      end associate
       text = text//'* the scene''s own; the others: nothing cheaper has a smaller error of slip'// &
-             line_feed//line_feed
-
-   contains
-
-      pure function line_of(row) result(line)
-         type(setting_row), intent(in) :: row
-         character(:), allocatable :: line
-
-         associate (s => row%setting)
-            line = merge('* ', '  ', row%is_own)//padded(trim(s%method), 9)// &
-                   padded(brief(setting_dt(s, plan%integration%dt)), 9)
-            if (s%method == 'newmark') then
-               line = line//padded(to_text(s%max_halvings), 9)//padded('-', 10)
-            else
-               line = line//padded('-', 9)//padded(brief(s%tolerance), 10)
-            end if
-         end associate
-         line = line//padded(brief(row%error(slip)), 14)// &
-                padded(known(100*row%error(band_ratio), has_bands(plan)), 11)// &
-                padded(brief(row%cost), 9)// &
-                brief(1.0e-9_wp*row%cost*sample_steps(plan)/n_ranks)//line_feed
-      end function line_of
-
+             line_feed
    end function settings_text
 
-   !> True if the results have bands: spectra over several samples.
-   pure logical function has_bands(plan)
-      type(plan_type), intent(in) :: plan
-
-      has_bands = plan%output%spectrum .and. maxval(plan%cases%n_samples) > 1
-   end function has_bands
-
    !> Lines on the cheapest setting for wanted errors: the scene's targets, or a list of errors.
-   pure function wanted_text(plan, rows, n_ranks) result(text)
-      type(plan_type), intent(in) :: plan
-      type(setting_row), intent(in) :: rows(:)
-      integer, intent(in) :: n_ranks
+   pure function wanted_text(found) result(text)
+      type(tradeoff_findings), intent(in) :: found
       character(:), allocatable :: text
       real(wp), parameter :: errors(*) = [1.0_wp, 0.1_wp, 1.0e-2_wp, 1.0e-3_wp, 1.0e-6_wp]
       integer :: i
 
-      associate (points => plan%accuracy%target_slip_points, &
-                 ratio => plan%accuracy%target_band_ratio)
-         text = ''
-         if (max(points, ratio) > 0.0_wp) text = answer(points, ratio)
-         if (text /= '') return
+      text = ''
+      associate (points => found%plan%accuracy%target_slip_points, &
+                 ratio => found%plan%accuracy%target_band_ratio)
+         if (max(points, ratio) > 0.0_wp) then
+            text = answer(points, ratio)
+         else
+            do i = 1, size(errors)
+               text = text//answer(errors(i), 0.0_wp)
+            end do
+         end if
       end associate
-      do i = 1, size(errors)
-         text = text//answer(errors(i), 0.0_wp)
-      end do
 
    contains
 
+      !> Line on the cheapest setting for one pair of wanted errors.
       pure function answer(points, ratio) result(line)
-         real(wp), intent(in) :: points, ratio
-         character(:), allocatable :: line, wanted
+         real(wp), intent(in) :: points, ratio   !! 0: not wanted
+         character(:), allocatable :: line
          integer :: best
 
-         wanted = ''
-         if (points > 0.0_wp) wanted = 'slip to '//brief(points)//' points'
-         if (points > 0.0_wp .and. ratio > 0.0_wp) wanted = wanted//', '
-         if (ratio > 0.0_wp) wanted = wanted//'band ratios to '//brief(100*ratio)//' %'
-         best = minloc(rows%cost, 1, mask=meets_targets(rows, points, ratio))
-         if (best == 0) then
-            line = labelled('cheapest', wanted//': no setting that was measured')
-         else
-            line = labelled('cheapest', wanted//': '// &
-                            setting_text(rows(best)%setting, plan%integration%dt)//' ('// &
-                            run_time(plan, rows(best), n_ranks, 1.0_wp)//')')
-         end if
+         line = ''
+         if (points > 0.0_wp) line = 'slip to '//brief(points)//' points'
+         if (points > 0.0_wp .and. ratio > 0.0_wp) line = line//', '
+         if (ratio > 0.0_wp) line = line//'band ratios to '//brief(100*ratio)//' %'
+         associate (rows => found%settings)
+            best = minloc(rows%cost, 1, mask=meets_targets(rows, points, ratio))
+            if (best == 0) then
+               line = line//': no setting that was measured'
+            else
+               line = line//': '//setting_text(rows(best)%setting, found%plan%integration%dt)// &
+                      ' ('//run_time(found, rows(best)%seconds)//')'
+            end if
+         end associate
+         line = labelled('cheapest', line)
       end function answer
 
    end function wanted_text
 
    !> Table of the components of the error, with the largest of them and the cost of halving it.
-   pure function components_text(plan, rows, own, errors, n_ranks) result(text)
-      type(plan_type), intent(in) :: plan
-      type(setting_row), intent(in) :: rows(:)
-      integer, intent(in) :: own
-      type(error_components), intent(in) :: errors
-      integer, intent(in) :: n_ranks
-      character(:), allocatable :: now, text
-      real(wp) :: parts(3)   ! components of the error of slip
+   pure function components_text(found) result(text)
+      type(tradeoff_findings), intent(in) :: found
+      character(:), allocatable :: remedy, text
+      character(*), parameter :: columns = 'error now        |slip [points] |its std  |'// &
+                                           'spectrum [%] |percentiles [%]  |bands [%]'
+      character(14), parameter :: names(3) = [character(14) :: 'discretisation', 'time average', &
+                                              'Monte Carlo']
+      real(wp) :: parts(n_published, 3)
+      real(wp) :: seconds   ! run time with half of the largest part; 0: no setting has it
+      integer :: best, i, largest, n_samples
 
-      text = 'error now        slip [points] its std  spectrum [%] percentiles [%]  bands [%]'// &
-             line_feed//component_text(plan, 'discretisation', errors%discretisation)// &
-             component_text(plan, 'time average', errors%time)
-      if (has_drawn_friction(plan)) text = text//component_text(plan, 'Monte Carlo', errors%samples)
-      now = run_time(plan, rows(own), n_ranks, 1.0_wp)
-      parts = [errors%discretisation(slip), errors%time(slip), errors%samples(slip)]
-      if (.not. maxval(parts) > 0.0_wp) then
-         text = text//labelled('largest', 'none of slip: nothing slips, or all the time')
-         return
-      end if
-      select case (maxloc(parts, 1))
-      case (1)
-         text = text//labelled('largest', 'of slip: discretisation; to halve it: '//halved())
-      case (2)
-         text = text//labelled('largest', 'of slip: time average; to halve it: '//own_records()// &
-                               longer()//', '//as_long(4.0_wp))
-      case (3)
-         text = text//labelled('largest', 'of slip: Monte Carlo; to halve it: '// &
-                               'campaign%n_samples = '//to_text( &
-                               ceiling(errors%times_to_halve*maxval(plan%cases%n_samples)))// &
-                               ', '//as_long(errors%times_to_halve))
-      end select
-
-   contains
-
-      !> Advice to draw a record for each sample, so that more samples lower the time-average error.
-      pure function own_records() result(words)
-         character(:), allocatable :: words
-
-         words = ''
-         if (plan%excitation%per_sample .or. plan%excitation%kind == 'file') return
-         if (.not. has_drawn_friction(plan) .or. maxval(plan%cases%n_samples) < 4) return
-         words = 'excitation%per_sample = .true. ('//brief(parts(2)/sqrt(real( &
-                 maxval(plan%cases%n_samples), wp)))//' points are left), or '
-      end function own_records
-
-      pure function longer() result(words)
-         character(:), allocatable :: words
-
-         words = 'integration%n_steps = '//brief(4.0_wp*plan%integration%n_steps)
-         if (plan%excitation%kind == 'file') words = words//', with a record as long'
-      end function longer
-
-      pure function halved() result(words)
-         character(:), allocatable :: words
-         integer :: best
-
-         best = minloc(rows%cost, 1, mask=meets_targets(rows, 0.5_wp*parts(1), 0.0_wp))
-         words = 'no setting that was measured'
-         if (best > 0) words = setting_text(rows(best)%setting, plan%integration%dt)//', '// &
-                               run_time(plan, rows(best), n_ranks, 1.0_wp)//' instead of '//now
-      end function halved
-
-      pure function as_long(times) result(words)
-         real(wp), intent(in) :: times
-         character(:), allocatable :: words
-
-         words = run_time(plan, rows(own), n_ranks, times)//' instead of '//now
-      end function as_long
+      associate (errors => found%errors, plan => found%plan, rows => found%settings)
+         n_samples = maxval(plan%cases%n_samples)
+         parts = reshape([errors%discretisation, errors%time, errors%samples], shape(parts))
+         text = row_text(columns, columns)
+         do i = 1, merge(3, 2, has_drawn_friction(plan))
+            associate (part => parts(:, i), spectrum => plan%output%spectrum)
+               text = text//row_text(columns, '  '//names(i)//'|'//brief(part(slip))//'|'// &
+                      known(part(slip_std), n_samples > 1)//'|'// &
+                      known(100*part(psd_mean), spectrum)//'|'// &
+                      known(100*part(psd_percentiles), spectrum .and. n_samples > 1)//'|'// &
+                      known(100*part(band_ratio), spectrum .and. n_samples > 1))
+            end associate
+         end do
+         largest = maxloc(parts(slip, :), 1)
+         if (.not. parts(slip, largest) > 0.0_wp) then
+            text = text//labelled('largest', 'none of slip: nothing slips, or all the time')
+            return
+         end if
+         seconds = rows(found%tradeoff%own)%seconds
+         select case (largest)
+         case (1)
+            best = minloc(rows%cost, 1, mask=meets_targets(rows, 0.5_wp*parts(slip, 1), 0.0_wp))
+            remedy = 'no setting that was measured'
+            seconds = 0.0_wp
+            if (best > 0) then
+               remedy = setting_text(rows(best)%setting, plan%integration%dt)
+               seconds = rows(best)%seconds
+            end if
+         case (2)
+            remedy = 'integration%n_steps = '//brief(4.0_wp*plan%integration%n_steps)
+            if (plan%excitation%kind == 'file') then
+               remedy = remedy//', with a record as long'
+            else if (.not. plan%excitation%per_sample .and. has_drawn_friction(plan) .and. &
+                     n_samples >= 4) then
+               remedy = 'excitation%per_sample = .true. ('// &
+                        brief(parts(slip, 2)/sqrt(1.0_wp*n_samples))//' points are left), or '// &
+                        remedy
+            end if
+            seconds = 4*seconds
+         case (3)
+            remedy = 'campaign%n_samples = '//to_text(ceiling(errors%times_to_halve*n_samples))
+            seconds = errors%times_to_halve*seconds
+         end select
+         if (seconds > 0.0_wp) remedy = remedy//', '//run_time(found, seconds)//' instead of '// &
+                                        run_time(found, rows(found%tradeoff%own)%seconds)
+         text = text//labelled('largest', 'of slip: '//trim(names(largest))// &
+                               '; to halve it: '//remedy)
+      end associate
    end function components_text
 
-   !> Line on one component of the error, for all published numbers.
-   pure function component_text(plan, name, error) result(line)
-      type(plan_type), intent(in) :: plan
-      character(*), intent(in) :: name
-      real(wp), intent(in) :: error(:)   !! (published number)
-      character(:), allocatable :: line
-
-      associate (many => maxval(plan%cases%n_samples) > 1, spectrum => plan%output%spectrum)
-         line = '  '//padded(name, 15)//padded(brief(error(slip)), 14)// &
-                padded(known(error(slip_std), many), 9)// &
-                padded(known(100*error(psd_mean), spectrum), 13)// &
-                padded(known(100*error(psd_percentiles), spectrum .and. many), 17)// &
-                known(100*error(band_ratio), spectrum .and. many)//line_feed
-      end associate
-   end function component_text
-
-   !> A number, or '-' if it is not known.
-   pure function known(value, is_known) result(text)
-      real(wp), intent(in) :: value
-      logical, intent(in) :: is_known
+   !> Run time of a march of so many seconds of processor time.
+   pure function run_time(found, seconds) result(text)
+      type(tradeoff_findings), intent(in) :: found
+      real(wp), intent(in) :: seconds
       character(:), allocatable :: text
 
-      text = '-'
-      if (is_known) text = brief(value)
-   end function known
-
-   !> Run time of the whole scene with a setting, multiplied by `times`.
-   pure function run_time(plan, row, n_ranks, times) result(text)
-      type(plan_type), intent(in) :: plan
-      type(setting_row), intent(in) :: row
-      integer, intent(in) :: n_ranks
-      real(wp), intent(in) :: times
-      character(:), allocatable :: text
-      real(wp) :: seconds
-
-      seconds = times*(1.0e-9_wp*row%cost*sample_steps(plan)/n_ranks)
-      text = duration(seconds)
-      if (seconds < 1.0_wp) text = brief(seconds)//' s'
+      text = duration(seconds/found%n_ranks)
+      if (seconds/found%n_ranks < 1.0_wp) text = brief(seconds/found%n_ranks)//' s'
    end function run_time
 
    !> Table of the total errors and run times with other numbers of samples and steps.
-   pure function sizes_text(plan, rows, n_ranks) result(text)
-      type(plan_type), intent(in) :: plan
-      type(size_row), intent(in) :: rows(:)
-      integer, intent(in) :: n_ranks
+   pure function sizes_text(found) result(text)
+      type(tradeoff_findings), intent(in) :: found
       character(:), allocatable :: text
-      logical :: many
+      character(*), parameter :: columns = '  |samples  |steps      |mean slip [points]  |'// &
+                                           'std of slip  |bands [%]  |run [s]'
       integer :: i
 
-      text = 'all errors by samples and steps'//line_feed//'  '//padded('samples', 9)// &
-             padded('steps', 11)//padded('mean slip [points]', 20)// &
-             padded('std of slip', 13)//padded('bands [%]', 11)//'run [s]'//line_feed
-      do i = 1, size(rows)
-         many = rows(i)%n_samples > 1
-         text = text//'  '//padded(to_text(rows(i)%n_samples), 9)// &
-                padded(to_text(rows(i)%n_steps), 11)//padded(brief(rows(i)%error(slip)), 20)// &
-                padded(known(rows(i)%error(slip_std), many), 13)// &
-                padded(known(100*rows(i)%error(band_ratio), &
-                             many .and. plan%output%spectrum), 11)// &
-                brief(rows(i)%seconds/n_ranks)//line_feed
+      text = 'all errors by samples and steps'//line_feed//row_text(columns, columns)
+      do i = 1, size(found%sizes)
+         associate (row => found%sizes(i), many => found%sizes(i)%n_samples > 1)
+            text = text//row_text(columns, '|'//to_text(row%n_samples)//'|'// &
+                   to_text(row%n_steps)//'|'//brief(row%error(slip))//'|'// &
+                   known(row%error(slip_std), many)//'|'// &
+                   known(100*row%error(band_ratio), many .and. found%plan%output%spectrum)// &
+                   '|'//brief(row%seconds/found%n_ranks))
+         end associate
       end do
    end function sizes_text
 
    !> Table of changes of band ratios and cost by spectrum_every and segment_length.
-   pure function spectra_text(rows) result(text)
-      type(spectrum_row), intent(in) :: rows(:)
+   pure function spectra_text(found) result(text)
+      type(tradeoff_findings), intent(in) :: found
       character(:), allocatable :: text
+      character(*), parameter :: columns = 'spectra: |every  |segment [steps]  |'// &
+                                           'change of band ratios [%]  |ns/step'
       integer :: i
 
-      text = 'spectra: every  segment [steps]  change of band ratios [%]  ns/step'//line_feed
-      do i = 1, size(rows)
-         text = text//repeat(' ', 9)//padded(to_text(rows(i)%every), 7)// &
-                padded(to_text(rows(i)%segment_length), 17)// &
-                padded(brief(100*rows(i)%band_ratio), 27)//brief(rows(i)%cost)//line_feed
+      text = row_text(columns, columns)
+      do i = 1, size(found%spectra)
+         associate (row => found%spectra(i))
+            text = text//row_text(columns, '|'//to_text(row%every)//'|'// &
+                   to_text(row%segment_length)//'|'//brief(100*row%band_ratio)//'|'// &
+                   brief(row%cost))
+         end associate
       end do
    end function spectra_text
 
    !> Table of changes of published numbers with orders and lengths of fits.
-   pure function variants_text(plan, variants, rows) result(text)
-      type(plan_type), intent(in) :: plan
-      type(variant_type), intent(in) :: variants(:)
-      type(variant_row), intent(in) :: rows(:)
-      character(:), allocatable :: bands, fit, head, text
+   pure function variants_text(found) result(text)
+      type(tradeoff_findings), intent(in) :: found
+      character(:), allocatable :: bands, changes, fit, head, text
+      character(*), parameter :: columns = '  |order |fit     |fit [s] |mean slip [points] |'// &
+                                           'std of slip       |bands [%]'
       integer :: i
 
       text = ''
       head = ''
-      do i = 1, size(rows)
-         associate (row => rows(i), variant => variants(rows(i)%variant))
+      do i = 1, size(found%variants)
+         associate (row => found%variants(i), &
+                    variant => found%tradeoff%scope%variants(found%variants(i)%variant))
             if (heading(variant) /= head) then
                head = heading(variant)
                if (i > 1) text = text//line_feed
-               text = text//head
+               text = text//head//row_text(columns, columns)
             end if
             fit = 'chosen'
             if (variant%request%fit_steps > 0) fit = to_text(variant%request%fit_steps)
-            text = text//merge('* ', '  ', variant%is_own)// &
-                   padded(to_text(variant%request%order), 6)//padded(fit, 8)// &
-                   padded(brief(row%seconds), 8)
-            if (row%is_reference) then
-               text = text//'compared with'//line_feed
-               cycle
+            changes = 'compared with||'
+            if (.not. row%is_reference) then
+               bands = '-'
+               if (found%plan%output%spectrum) &
+                  bands = with_error(100*row%change(band_ratio), 100*row%error(band_ratio))
+               changes = with_error(row%change(slip), row%error(slip))//'|'// &
+                         with_error(row%change(slip_std), row%error(slip_std))//'|'//bands
             end if
-            bands = '-'
-            if (plan%output%spectrum) &
-               bands = with_error(100*row%change(band_ratio), 100*row%error(band_ratio))
-            text = text//padded(with_error(row%change(slip), row%error(slip)), 19)// &
-                   padded(with_error(row%change(slip_std), row%error(slip_std)), 18)// &
-                   bands//line_feed
+            text = text//row_text(columns, merge('*', ' ', variant%is_own)//'|'// &
+                   to_text(variant%request%order)//'|'//fit//'|'//brief(row%seconds)//'|'//changes)
          end associate
       end do
-      if (size(rows) > 0) text = text//'* the scene''s own; the largest change over levels and '// &
-                                 'dofs +- standard error'//line_feed
+      text = text//'* the scene''s own; the largest change over levels and dofs +- standard '// &
+             'error'//line_feed
    end function variants_text
 
    !> Heading of the variants of a process, orders or lengths of the fit.
@@ -332,8 +286,7 @@ contains
          text = numbered('p', variant%process)//', '//trim(request%correlation)//' = '// &
                 brief(request%correlation_length)//', std '//brief(request%std)//': other '// &
                 trim(merge('lengths of its fit', 'orders            ', variant%is_of_fit))// &
-                line_feed//'  order fit     fit [s] mean slip [points] std of slip       '// &
-                'bands [%]'//line_feed
+                line_feed
       end associate
    end function heading
 
@@ -346,21 +299,21 @@ contains
    end function with_error
 
    !> Table of entropy, the other correlation length and time of the fit by the order of processes.
-   pure function orders_text(rows) result(text)
-      type(order_row), intent(in) :: rows(:)
-      character(:), allocatable :: text, other
+   pure function orders_text(found) result(text)
+      type(tradeoff_findings), intent(in) :: found
+      character(:), allocatable :: text
+      character(*), parameter :: columns = '  |process                  |order  |'// &
+                                           'entropy lost  |other length  |fit [ms]'
       integer :: i
 
-      text = '  process                  order  entropy lost  other length  fit [ms]'//line_feed
-      do i = 1, size(rows)
-         associate (row => rows(i))
-            other = trim(merge('L1', 'L0', row%correlation == 'L0'))//' = '// &
-                    brief(row%other_length)
-            text = text//merge('* ', '  ', row%is_own)// &
-                   padded(row%method//', '//row%correlation//' = '// &
-                          brief(row%correlation_length), 25)// &
-                   padded(to_text(row%order), 7)//padded(brief(row%entropy_lost), 14)// &
-                   padded(other, 14)//brief(row%milliseconds)//line_feed
+      text = row_text(columns, columns)
+      do i = 1, size(found%orders)
+         associate (row => found%orders(i))
+            text = text//row_text(columns, merge('*', ' ', row%is_own)//'|'//row%method//', '// &
+                   row%correlation//' = '//brief(row%correlation_length)//'|'// &
+                   to_text(row%order)//'|'//brief(row%entropy_lost)//'|'// &
+                   merge('L1', 'L0', row%correlation == 'L0')//' = '//brief(row%other_length)// &
+                   '|'//brief(row%milliseconds))
          end associate
       end do
       text = text//'* an order of the scene; entropy [nat] per point below that of white noise'// &
@@ -371,20 +324,47 @@ contains
    pure function fits_text(models) result(text)
       type(process_model_type), intent(in) :: models(:)
       character(:), allocatable :: text
+      character(*), parameter :: columns = 'fit       |mean [%]   |std [%]    |'// &
+                                           'L0 [%], standard errors'
       integer :: i
 
       text = ''
       do i = 1, size(models)
          associate (m => models(i))
             if (.not. (m%request%positive .and. m%is_solved .and. m%l0_error > 0.0_wp)) cycle
-            text = text//padded(numbered('p', i), 10)// &
-                   padded(brief(100*m%mean_error/m%mean), 11)// &
-                   padded(brief(100*m%std_error/m%std), 11)// &
-                   brief(100*m%l0_error/m%l0)//line_feed
+            if (text == '') text = row_text(columns, columns)
+            text = text//row_text(columns, numbered('p', i)//'|'// &
+                   brief(100*m%mean_error/m%mean)//'|'//brief(100*m%std_error/m%std)//'|'// &
+                   brief(100*m%l0_error/m%l0))
          end associate
       end do
-      if (text /= '') text = 'fit       mean [%]   std [%]    L0 [%], standard errors'// &
-                             line_feed//text
    end function fits_text
+
+   !> Row of a table: each cell fills the width of its column.
+   pure function row_text(columns, cells) result(text)
+      character(*), intent(in) :: columns   !! names, filled to the widths of the columns, between |
+      character(*), intent(in) :: cells     !! texts between |
+      character(:), allocatable :: names, rest, text
+
+      text = ''
+      names = columns//'|'
+      rest = cells//'|'
+      do while (len(names) > 0)
+         text = text//padded(trim(rest(:index(rest, '|') - 1)), index(names, '|') - 1)
+         names = names(index(names, '|') + 1:)
+         rest = rest(index(rest, '|') + 1:)
+      end do
+      text = trim(text)//line_feed
+   end function row_text
+
+   !> A number, or '-' if it is not known.
+   pure function known(value, is_known) result(text)
+      real(wp), intent(in) :: value
+      logical, intent(in) :: is_known
+      character(:), allocatable :: text
+
+      text = '-'
+      if (is_known) text = brief(value)
+   end function known
 
 end module driver_tradeoff_text

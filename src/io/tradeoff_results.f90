@@ -7,7 +7,7 @@ module io_tradeoff_results
    use io_group, only: group_type
    use io_hdf5, only: hdf5_file
    use tradeoff_effects, only: variant_row
-   use tradeoff_front, only: error_components, sample_steps, setting_row, size_row, spectrum_row
+   use tradeoff_front, only: error_components, setting_row, size_row, spectrum_row
    use tradeoff_settings, only: setting_dt
    use tradeoff_task_results, only: band_ratio, psd_mean, psd_percentiles, slip, slip_mean, slip_std
    use tradeoff_tasks, only: tradeoff_type
@@ -18,6 +18,8 @@ module io_tradeoff_results
 
    !> Results of a tradeoff; a scene without a structure has the orders alone.
    type :: tradeoff_findings
+      type(plan_type) :: plan   !! plan of the scene
+      integer :: n_ranks = 1    !! ranks of the run
       type(tradeoff_type) :: tradeoff
       type(setting_row), allocatable :: settings(:)
       type(spectrum_row), allocatable :: spectra(:)
@@ -30,16 +32,16 @@ module io_tradeoff_results
 contains
 
    !> Writes all groups; those of marches only if the scene has a structure.
-   subroutine write_tradeoff(file, plan, found, error)
+   subroutine write_tradeoff(file, found, error)
       type(hdf5_file), intent(in) :: file
-      type(plan_type), intent(in) :: plan
       type(tradeoff_findings), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
       type(group_type) :: group
 
       group%file = file
-      if (plan%has_structure) then
-         call write_settings(group, plan, found%settings, found%tradeoff%plan%integration%n_steps)
+      if (found%plan%has_structure) then
+         call write_settings(group, found%settings, found%plan%integration%dt, &
+                             found%tradeoff%plan%integration%n_steps)
          call write_errors(group, found%errors)
          call write_sizes(group, found%sizes)
          call write_spectra(group, found%spectra)
@@ -50,10 +52,10 @@ contains
    end subroutine write_tradeoff
 
    !> Writes one row per setting.
-   subroutine write_settings(group, plan, rows, n_short)
+   subroutine write_settings(group, rows, dt, n_short)
       type(group_type), intent(inout) :: group
-      type(plan_type), intent(in) :: plan
       type(setting_row), intent(in) :: rows(:)
+      real(wp), intent(in) :: dt       !! step of the scene [s]
       integer, intent(in) :: n_short   !! steps of the trial marches
 
       call group%change_to('/tradeoff')
@@ -63,14 +65,13 @@ contains
       call group%start_table('setting', size(rows), 'setting')
       call group%put('method', merge(1, 0, rows%setting%method == 'event'), '1', &
                      'method: 0 newmark, 1 event')
-      call group%put('dt', setting_dt(rows%setting, plan%integration%dt), 's', &
+      call group%put('dt', setting_dt(rows%setting, dt), 's', &
                      'step of the march under the same force')
       call group%put('max_halvings', rows%setting%max_halvings, '1', 'newmark: halvings of a step')
       call group%put('tolerance', rows%setting%tolerance, '1', 'event: tolerance')
       call group%put('cost', rows%cost, 'ns', 'processor time of a sample-step of the scene')
       call group%put('work', rows%work, 'ns', 'processor time expected from counted work')
-      call group%put('seconds', 1.0e-9_wp*sample_steps(plan)*rows%cost, 's', &
-                     'processor time of the march of the scene')
+      call group%put('seconds', rows%seconds, 's', 'processor time of the march of the scene')
       call group%put('slip', rows%error(slip), '%', 'rms error of a slip fraction, in points')
       call group%put('slip_error', 0.5_wp*(rows%error_bound(slip) - rows%error(slip)), '%', &
                      'standard error of slip')

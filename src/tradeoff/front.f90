@@ -13,7 +13,7 @@ module tradeoff_front
    implicit none(type, external)
    private
    public :: error_components, setting_row, size_row, spectrum_row
-   public :: components_of, has_drawn_friction, meets_targets, nearest_to_targets, sample_steps, &
+   public :: components_of, has_drawn_friction, meets_targets, nearest_to_targets, &
              setting_rows_of, size_rows_of, predicted_slip_error, spectrum_rows_of
 
    !> Measured setting.
@@ -22,6 +22,7 @@ module tradeoff_front
       real(wp) :: error(n_published) = 0.0_wp    !! largest error over the levels, as in task_result
       real(wp) :: error_bound(n_published) = 0.0_wp   !! error plus twice its standard error
       real(wp) :: cost = 0.0_wp               !! processor time of a sample-step of the scene [ns]
+      real(wp) :: seconds = 0.0_wp            !! processor time of the scene's march
       real(wp) :: work = 0.0_wp               !! expected_cost of a sample-step of the scene [ns]
       logical :: is_on_front = .false.        !! no cheaper setting has a smaller error of slip
       logical :: is_own = .false.             !! setting of the scene
@@ -73,6 +74,7 @@ contains
          rows(i)%work = sum(share*[(expected_cost(rows(i)%setting, tradeoff%plan%structure%n_dof, &
                                                   size(tradeoff%levels(k)%sample), &
                                                   tradeoff%transitions(k)), k=1, size(share))])
+         rows(i)%cost = tradeoff%history_time*rows(i)%setting%parts/rows(i)%setting%stride
       end do
       do i = 1, size(tradeoff%tasks)
          if (tradeoff%tasks(i)%kind /= setting_task) cycle
@@ -82,6 +84,7 @@ contains
             row%error_bound = max(row%error_bound, result%errors(:, 2))
          end associate
       end do
+      rows%seconds = 1.0e-9_wp*rows%cost*tradeoff%sample_steps
       do i = 1, n
          rows(i)%is_on_front = .not. any(beats(rows, rows(i)))
       end do
@@ -325,7 +328,7 @@ contains
          row%n_steps = nint(step_factor*plan%integration%n_steps, long)
          row%error = sqrt(errors%discretisation**2 + errors%time**2/time_factor &
                           + monte_carlo_error(tradeoff, errors, sample_factor)**2)
-         row%seconds = 1.0e-9_wp*own%cost*sample_steps(plan)*sample_factor*step_factor
+         row%seconds = own%seconds*sample_factor*step_factor
       end function row
 
    end function size_rows_of
@@ -336,13 +339,5 @@ contains
 
       has_drawn_friction = any(plan%cases%process > 0)
    end function has_drawn_friction
-
-   !> Sum of the steps of all samples of the scene.
-   pure function sample_steps(plan) result(n)
-      type(plan_type), intent(in) :: plan
-      real(wp) :: n
-
-      n = real(plan%integration%n_steps, wp)*sum(plan%cases%n_samples)
-   end function sample_steps
 
 end module tradeoff_front

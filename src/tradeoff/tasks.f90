@@ -5,7 +5,7 @@
 !> samples. The scatter of consecutive batches of a long march gives the time-average error; the
 !> scatter of a case's samples gives the Monte Carlo error.
 module tradeoff_tasks
-   use campaign_plan, only: plan_type
+   use campaign_plan, only: kept_dofs, plan_type
    use campaign_pooling, only: sharing_cases
    use campaign_results, only: block_result
    use campaign_runner, only: block_width, prepare_runner, runner_type
@@ -37,6 +37,9 @@ module tradeoff_tasks
    integer, parameter :: most_spectra = 9         !! number of pairs that choose_spectra lists
    !> Transitions of a sample in a step, as long as none are counted.
    real(wp), parameter :: assumed_transitions = 0.3_wp
+   !> Time of a march with the energy balance over that of one without (docs/cost.md).
+   real(wp), parameter :: balance_factor = 2.0_wp
+   real(wp), parameter :: history_memory = 32.0e6_wp   !! histories of a timed march [byte]
 
    !> One march.
    type :: task_type
@@ -49,7 +52,7 @@ module tradeoff_tasks
    type :: trial_scope
       real(wp) :: budget = 0.0_wp         !! expected processor time of the marches [s]
       !> true: for a table of settings, with other steps than the scene's too, and timed with its
-      !> energy balance
+      !> energy balance and histories
       logical :: for_table = .false.
       logical :: has_settings = .true.    !! true: compares settings
       logical :: is_statistical = .false. !! true: finds time-average and Monte Carlo errors
@@ -68,7 +71,9 @@ module tradeoff_tasks
       integer :: own = 0                    !! number of the scene's setting in settings; 0: none
       type(setting_type) :: common_setting  !! setting of all tasks but setting tasks, counted
       real(wp) :: time_over_expected = 1.0_wp      !! measured over expected cost of the references
+      real(wp) :: history_time = 0.0_wp     !! time that histories add to a step of a sample [ns]
       real(wp) :: seconds = 0.0_wp          !! expected processor time of all tasks [s]
+      real(wp) :: sample_steps = 0.0_wp     !! sum of the steps of all samples of the scene
       type(level_type), allocatable :: levels(:)
       real(wp), allocatable :: transitions(:)      !! (level) transitions of a sample in a step
       integer, allocatable :: every(:)             !! (spectrum) every k-th step enters the spectra
@@ -100,6 +105,7 @@ contains
       every = max(plan%output%spectrum_every, 1)
       unit = 2*every
       tradeoff%scope = scope
+      tradeoff%sample_steps = real(plan%integration%n_steps, wp)*sum(plan%cases%n_samples)
       if (.not. allocated(scope%variants)) allocate (tradeoff%scope%variants(0))
       call choose_levels(plan, tradeoff%levels)
       width = sum([(size(tradeoff%levels(i)%sample), i=1, size(tradeoff%levels))])
@@ -130,7 +136,6 @@ contains
             long_cost = n_batches*width*step_cost
          end if
          tradeoff%plan = shortened(plan, unit, affordable(scope%budget, cost))
-         tradeoff%plan%output%energy = plan%output%energy .and. scope%for_table
          tradeoff%long_plan = shortened(plan, unit*n_batches, affordable(scope%budget, long_cost))
          cost = tradeoff%n_variant_samples*step_cost*n_levels*max(1, size(tradeoff%scope%variants))
          tradeoff%wide = shortened(plan, unit, affordable(0.3_wp*scope%budget, cost))
@@ -143,6 +148,8 @@ contains
                            layout%segment_length, layout%overlap)
       end associate
       call march_references(tradeoff, should_stop, error)
+      if (plan%output%history .and. scope%for_table .and. .not. allocated(error)) &
+         call time_histories(tradeoff, should_stop, error)
       if (allocated(error)) return
       call list_tasks(tradeoff)
       allocate (tradeoff%results(size(tradeoff%tasks)))
@@ -227,6 +234,30 @@ contains
       if (expected > 0.0_wp) tradeoff%time_over_expected = measured/expected
    end subroutine march_references
 
+   !> Times a short march at the first level without and with the scene's histories.
+   subroutine time_histories(tradeoff, should_stop, error)
+      type(tradeoff_type), intent(inout) :: tradeoff
+      procedure(stop_query) :: should_stop
+      type(error_type), allocatable, intent(out) :: error
+      type(plan_type) :: plan
+      type(block_result) :: result
+      real(wp) :: nanoseconds(2)   ! without and with histories
+      integer :: k
+
+      associate (level => tradeoff%levels(1), dofs => kept_dofs(tradeoff%runner%plan))
+         plan = shortened(tradeoff%plan, 1, &
+                          int(history_memory/(16.0_wp*size(dofs)*size(level%sample))))
+         plan%output%dofs = dofs
+         do k = 1, 2
+            plan%output%history = k == 2
+            call march_level(plan, level, tradeoff%common_setting, should_stop, result, &
+                             nanoseconds(k), error)
+            if (allocated(error)) return
+         end do
+      end associate
+      tradeoff%history_time = max(0.0_wp, nanoseconds(2) - nanoseconds(1))
+   end subroutine time_histories
+
    !> Lists the tasks, the most expensive first: variants, settings, spectra and batches at every
    !> level, and cases.
    subroutine list_tasks(tradeoff)
@@ -268,6 +299,7 @@ contains
       if (task%level > 0) transitions = tradeoff%transitions(task%level)
       cost = real(plan%integration%n_steps, wp)*n_samples &
              *expected_cost(setting, plan%structure%n_dof, n_samples, transitions)
+      if (plan%output%energy) cost = balance_factor*cost
    end function cost_of
 
    !> Chooses the plan (steps and kept results), the setting and the number of samples of a task.
@@ -284,6 +316,7 @@ contains
       select case (task%kind)
       case (setting_task)
          plan = tradeoff%plan
+         plan%output%energy = tradeoff%runner%plan%output%energy .and. tradeoff%scope%for_table
          setting = tradeoff%settings(task%row)
       case (spectrum_task)
          plan = tradeoff%long_plan
