@@ -25,7 +25,8 @@ module campaign_size
    use structure_model, only: structure_memory => memory_of_matrices
    implicit none(type, external)
    private
-   public :: memory_of_rank, n_frequencies, refuse_long_lists, refuse_oversize, results_size
+   public :: memory_of_pilot, memory_of_rank, n_frequencies, refuse_long_lists, refuse_oversize, &
+             results_size
 
    real(wp), parameter :: real_bytes = 8.0_wp
    real(wp), parameter :: transition_bytes = 20.0_wp     !! time, sample, joint and kind
@@ -37,6 +38,8 @@ module campaign_size
    real(wp), parameter :: base_memory = 30.0e6_wp        !! [byte] libraries of a rank (measured)
    real(wp), parameter :: march_memory = 38.0e6_wp       !! [byte] the same in a march (measured)
    real(wp), parameter :: listed_shard_bytes = 400.0_wp  !! shard in the lists of a rank
+   real(wp), parameter, public :: most_pilot_memory = 20.0e6_wp   !! cases marched at once [byte]
+   integer, parameter, public :: pilot_segments = 8   !! Welch segments of the pilot march
    !> Estimates are shown with three digits; with this factor they are never too small.
    real(wp), parameter :: margin = 1.01_wp
    !> Transitions in a step of a whole march over those in a step of its start from rest.
@@ -187,20 +190,22 @@ contains
    end function n_powers
 
    !> Largest resident memory of a rank [byte] over the steps of a run: realizations, march,
-   !> statistics, regression. The matrices stay to the end.
+   !> statistics, regression, and of the pilot march before them. The matrices stay to the end.
    pure function memory_of_rank(plan, transitions) result(bytes)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: transitions   !! transitions of a sample in a step
       real(wp) :: bytes
-      real(wp) :: n_samples
+      real(wp) :: n_samples, pilot
 
       bytes = base_memory + real_bytes*plan%n_realizations*plan%n_points
       if (.not. plan%has_structure) return
       n_samples = maxval(plan%cases%n_samples)
+      pilot = merge(memory_of_pilot(plan), 0.0_wp, plan%output%spectrum)
       bytes = max(bytes, march_memory + 4*n_samples*size(plan%cases) &
                   + listed_shard_bytes*size(plan%cases)*(1 + n_samples/block_width(plan)) &
                   + memory_of_matrices(plan) &
                   + max(memory_of_march(plan, transitions), &
+                        min(size(plan%cases)*pilot, max(pilot, most_pilot_memory)), &
                         memory_of_tables(plan) + memory_of_statistics(plan), &
                         2*memory_of_tables(plan) + memory_of_regression(plan)))
    end function memory_of_rank
@@ -223,6 +228,18 @@ contains
       end associate
       bytes = record_memory(plan) + min(block_width(plan), maxval(plan%cases%n_samples))*bytes
    end function memory_of_march
+
+   !> Memory [byte] of a case in the pilot march (tradeoff_pilot): Welch segments, spectra of every
+   !> step at all dofs, and four copies of the force.
+   pure function memory_of_pilot(plan) result(bytes)
+      type(plan_type), intent(in) :: plan
+      real(wp) :: bytes
+
+      associate (length => plan%output%segment_length)
+         bytes = real_bytes*(3.0_wp*length*plan%structure%n_dof + 4.0_wp*plan%structure%n_forces &
+                             *min(plan%integration%n_steps, (pilot_segments + 1)*length/2))
+      end associate
+   end function memory_of_pilot
 
    !> Memory [byte] of the matrices of the structure and of its marcher. Newmark's scheme has
    !> matrices for each halving of the step.

@@ -8,6 +8,7 @@ module tradeoff_pilot
    use campaign_results, only: block_result
    use campaign_runner, only: prepare_runner, runner_type
    use campaign_sample, only: never
+   use campaign_size, only: memory_of_pilot, most_pilot_memory, pilot_segments
    use core_error, only: error_type
    use core_kinds, only: wp
    use tradeoff_sample, only: level_type, march_level, only_slip_and_spectra
@@ -20,8 +21,6 @@ module tradeoff_pilot
    !> variance by 1 % at most, where Welch's estimate scatters by 10 %.
    real(wp), parameter :: negligible = 1.0e-8_wp
    integer, parameter :: largest_every = 16        !! largest k
-   integer, parameter :: pilot_segments = 8        !! Welch segments of the pilot march
-   real(wp), parameter :: most_memory = 64.0e6_wp  !! memory of the cases marched at once [byte]
 
 contains
 
@@ -46,10 +45,7 @@ contains
       marched = pack([(c, c=1, size(plan%cases))], twin == [(c, c=1, size(plan%cases))])
       every = choices(plan%output%spectrum_every, plan%output%segment_length)
       allocate (share(plan%structure%n_dof, size(marched), size(every)))
-      associate (memory => 16.0_wp*plan%structure%n_dof*short%output%segment_length &
-                 + 8.0_wp*plan%structure%n_forces*n)   ! spectra and forces of a case
-         together = max(1, min(size(marched), int(most_memory/memory)))
-      end associate
+      together = max(1, min(size(marched), int(most_pilot_memory/memory_of_pilot(plan))))
       do first = 1, size(marched), together
          associate (last => min(first + together - 1, size(marched)))
             call march_cases(marched(first:last), runner, every, share(:, first:last, :), error)

@@ -26,6 +26,7 @@ USUAL = {
     "n_dof": 5, "n_steps": 4000, "n_samples": 8, "segment": 8192, "kept": "'slip', 'spectrum'",
     "variance": "41.1",
 }  # fmt: skip
+LEVELS = ", ".join(map(str, range(1, 33)))
 CASES = {
     "smallest": {},
     "long_spectra": {"n_dof": 12, "n_steps": 9000, "n_samples": 64},
@@ -36,6 +37,7 @@ CASES = {
     "transitions": {"n_steps": 20000, "n_samples": 32, "kept": "'slip', 'transitions'"},
     "many_masses": {"n_dof": 400},
     "many_cases": {"n_dof": 90, "n_steps": 3000, "variance": "10, 20, 30, 40, 50, 60, 70, 80, 90"},
+    "many_levels": {"n_steps": 40000, "n_samples": 1, "variance": LEVELS},  # the pilot march
     "long_march": {"n_dof": 1, "n_steps": 2000000, "n_samples": 1, "kept": "'slip', 'spectrum'"},
 }
 PROCESSES = {
