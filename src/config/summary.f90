@@ -373,8 +373,9 @@ contains
       sample_steps = sum(real(plan%cases%n_samples, wp))*plan%integration%n_steps
       text = brief(sample_steps)//' sample-steps'
       if (nanoseconds > 0.0_wp) &
-         text = text//', '//duration(sample_steps*nanoseconds*1.0e-9_wp/n_ranks)//' at '// &
-                brief(nanoseconds)//' ns each on '//counted(n_ranks, 'rank', 'ranks')
+         text = text//', '//duration(sample_steps*nanoseconds*1.0e-9_wp/n_ranks)// &
+                ' of march at '//brief(nanoseconds)//' ns each on '// &
+                counted(n_ranks, 'rank', 'ranks')
    end function work_text
 
 end module config_summary
