@@ -1,6 +1,6 @@
 !> The output of a run: its lock, the finished samples that an earlier run left, and its end.
 module driver_output
-   use campaign_plan, only: plan_type
+   use campaign_plan, only: add_audits, plan_type
    use campaign_pooling, only: estimators_of
    use campaign_results, only: block_result
    use campaign_runner, only: block_width
@@ -174,46 +174,50 @@ contains
          call mark_incomplete(plan, output, error)
       if (allocated(error)) return
       if (.not. output%is_complete) then
-         call refuse_extension(plan, output%n_stored, output%path, error)
-         if (.not. allocated(error)) call refuse_loss(plan, output%n_stored, output%path, error)
+         call refuse_loss(plan, output%n_stored, output%path, error)
       else if (.not. output%is_shared) then
          call remove_merged_shards(output%store, output%lock, output%n_stored, error)
       end if
    end subroutine resume_results
 
-   !> Refuses to extend results that do not have the spectra of their samples.
-   pure subroutine refuse_extension(plan, n_samples, path, error)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: n_samples(:)   !! (case and audit) samples in the file
-      character(*), intent(in) :: path
-      type(error_type), allocatable, intent(out) :: error
-
-      if (.not. plan%output%spectrum .or. all(n_samples == 0)) return
-      if (plan%output%keeps_spectra(maxval(n_samples))) return
-      call raise(error, exit_file, path//': has no spectra of its samples (output%samples = '// &
-                 '.false.), so that nothing can be added: choose another --output, or '// &
-                 'discard it with --fresh')
-   end subroutine refuse_extension
-
-   !> Refuses to replace results by new ones with fewer samples, for instance for a larger audit.
-   !> With accuracy%sample_until_met the run continues to the samples that they hold.
+   !> Refuses to make results anew without the spectra of their samples, or with fewer samples or
+   !> audited samples, for instance for a larger audit. With accuracy%sample_until_met the run
+   !> continues to the samples that they hold.
    pure subroutine refuse_loss(plan, n_samples, path, error)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: n_samples(:)   !! (case and audit) samples in the file
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error
-      integer :: c
+      type(plan_type) :: final
+      character(:), allocatable :: noun, remedy
+      integer :: c, wanted(size(n_samples))
 
-      if (plan%accuracy%sample_until_met) return
-      do c = 1, size(plan%cases)
-         if (plan%cases(c)%audits > 0 .or. n_samples(c) <= plan%cases(c)%n_samples) cycle
-         call raise(error, exit_file, path//' holds '// &
-                    counted(n_samples(c), 'sample', 'samples')// &
-                    ' of a case, the scene asks for '//to_text(plan%cases(c)%n_samples)// &
-                    ' and for results that it lacks: campaign%n_samples = '// &
-                    to_text(n_samples(c))//' keeps them; or choose another --output')
+      if (all(n_samples == 0)) return
+      if (plan%output%spectrum .and. .not. plan%output%keeps_spectra(maxval(n_samples))) then
+         call raise(error, exit_file, path//': has no spectra of its samples (output%samples = '// &
+                    '.false.), so that nothing can be added: choose another --output, or '// &
+                    'discard it with --fresh')
          return
-      end do
+      end if
+      final = plan
+      if (plan%accuracy%sample_until_met) then
+         final%cases%n_samples = max(final%cases%n_samples, n_samples(:size(final%cases)))
+         call add_audits(final)
+      end if
+      wanted = 0
+      wanted(:size(final%cases)) = final%cases%n_samples
+      if (all(n_samples <= wanted)) return
+      c = maxloc(n_samples - wanted, 1)
+      noun = 'sample'
+      remedy = 'campaign%n_samples = '//to_text(n_samples(c))
+      if (c > size(n_samples)/2) then
+         noun = 'audited sample'
+         remedy = 'a larger accuracy%audit'
+      end if
+      call raise(error, exit_file, path//' holds '//counted(n_samples(c), noun, noun//'s')// &
+                 ' of a case, the scene asks for '//to_text(wanted(c))// &
+                 ' and for results that it lacks: '//remedy//' keeps them; or choose another '// &
+                 '--output')
    end subroutine refuse_loss
 
    !> Marks a results file as incomplete if a case needs more samples for the scene's target, or has
@@ -227,6 +231,7 @@ contains
       type(plan_type) :: stored
       character(12) :: wanted(size(plan%cases))
       integer :: i
+      logical :: is_same
 
       call read_errors(output%path, count(plan%cases%audits == 0), errors, error)
       if (allocated(error)) return
@@ -238,8 +243,10 @@ contains
              needs_more_samples(slip_error_of(errors(i)%statistics, 0, .false.), &
                                 plan%accuracy%target_statistical)) output%is_complete = .false.
          if (errors(i)%estimator == '') cycle
-         if (errors(i)%estimator == wanted(i) .and. &
-             are_same(errors(i)%percentiles, plan%output%percentiles)) cycle
+         is_same = errors(i)%estimator == wanted(i) .and. &
+                   size(errors(i)%percentiles) == size(plan%output%percentiles)
+         if (is_same) is_same = all(abs(errors(i)%percentiles - plan%output%percentiles) <= 0.0_wp)
+         if (is_same) cycle
          if (output%n_stored(i) == plan%cases(i)%n_samples) then
             output%is_complete = .false.
          else
@@ -247,14 +254,6 @@ contains
          end if
       end do
    end subroutine mark_incomplete
-
-   !> True if two lists are equal.
-   pure logical function are_same(a, b)
-      real(wp), intent(in) :: a(:), b(:)
-
-      are_same = size(a) == size(b)
-      if (are_same) are_same = all(abs(a - b) <= 0.0_wp)
-   end function are_same
 
    !> Updates the finished samples after the plan has grown or other runs have worked. Collective.
    subroutine update_finished(self, plan, error)

@@ -93,6 +93,19 @@ def test_a_larger_audit_loses_no_samples(entroslip, scene, tmp_path):
     assert "nothing to do; it holds 18 samples, the scene asks for 10" in kept.stdout
 
 
+@pytest.mark.parametrize("audit", ["0.25", "0"])
+@pytest.mark.parametrize("more", ["output%percentiles=10,90", "campaign%n_samples=9"])
+def test_a_smaller_audit_loses_no_samples(entroslip, scene, tmp_path, audit, more):
+    """A file of four audited samples is not replaced by one with fewer."""
+    assert entroslip("run", scene).returncode == 0
+    before = (tmp_path / "audited.h5").read_bytes()
+    done = entroslip("run", scene, "--set", f"accuracy%audit={audit}", "--set", more)
+    assert done.returncode == 3, done.stdout
+    assert "holds 4 audited samples of a case, the scene asks for" in done.stderr
+    assert "a larger accuracy%audit keeps them" in done.stderr
+    assert (tmp_path / "audited.h5").read_bytes() == before
+
+
 def test_dofs_that_are_not_kept_are_judged_by_the_others(entroslip, scene, tmp_path):
     """With spectra of the second mass only, that mass alone has a band ratio."""
     done = entroslip(
