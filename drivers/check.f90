@@ -40,21 +40,23 @@ contains
       type(process_model_type), allocatable :: models(:)
       type(cost_type) :: cost
       character(:), allocatable :: choice, need
+      logical :: is_quiet
       real(wp), allocatable :: unused(:, :)
       type(error_type), allocatable :: error, oversize
 
       call start_world(world)
       call load_plan(line, scene, plan, error)
       call world%stop_on(error)
-      call choose_setting(world, scene, plan, choice)
+      is_quiet = line%has('--quiet') .or. .not. world%is_root()
+      call choose_setting(world, is_quiet, scene, plan, choice)
       call choose_spectrum_step(world, plan, scene%force, unused, error)
       if (plan%has_structure .and. world%is_root() .and. .not. allocated(error)) &
          call measure_cost(plan, scene%force, cost, error)
       call world%stop_on(error)
-      call predict_samples_needed(world, plan, scene%force, cost%nanoseconds, need)
+      call predict_samples_needed(world, is_quiet, plan, scene%force, cost%nanoseconds, need)
       if (world%is_root()) then
          call predict_processes(plan, models)
-         if (.not. line%has('--quiet')) then
+         if (.not. is_quiet) then
             call say(summary_text(scene, plan, cost%nanoseconds, world%n_ranks, &
                                   cost%transitions, models, cost%audit_nanoseconds, &
                                   regression_seconds(plan, cost%share_powerful)))
@@ -104,10 +106,12 @@ contains
       end do
    end subroutine predict_processes
 
-   !> Predicts the standard error, and the samples and steps that accuracy%target_statistical needs.
-   !> Fits the processes for it. Collective.
-   subroutine predict_samples_needed(world, plan, force, nanoseconds, text)
+   !> Predicts the standard error and, if it exceeds accuracy%target_statistical, the samples and
+   !> steps that meet the target, with enough samples for a regression. Fits the processes for it.
+   !> Collective.
+   subroutine predict_samples_needed(world, is_quiet, plan, force, nanoseconds, text)
       type(world_type), intent(in) :: world
+      logical, intent(in) :: is_quiet
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (0:n_steps, record) force file [N]; else size 0
       real(wp), intent(in) :: nanoseconds    !! time per step of a sample; known on the root
@@ -115,52 +119,40 @@ contains
       character(:), allocatable, intent(out) :: text
       type(process_model_type), allocatable :: models(:)
       type(tradeoff_type) :: measured
+      type(plan_type) :: larger
+      type(slip_error) :: predicted
       type(error_type), allocatable :: error
+      integer(long) :: n_samples, n_steps
+      real(wp) :: seconds
       logical :: is_stopped
 
       text = ''
       if (.not. (plan%has_structure .and. plan%accuracy%target_statistical > 0.0_wp)) return
       if (all(plan%cases%process == 0)) return
-      call solve_processes(world, plan, .true., models)
+      call solve_processes(world, plan, is_quiet, models)
       if (.not. all(models%is_solved)) return
       call measure_settings(world, plan, force, trial_scope(budget=budget, has_settings=.false., &
                                                             is_statistical=.true., models=models), &
-                            .true., measured, is_stopped, error)
+                            is_quiet, measured, is_stopped, error)
       call world%stop_on(error)
       if (is_stopped) call stop_world(exit_stopped)
-      text = need_text(plan, measured, nanoseconds, world%n_ranks)
-   end subroutine predict_samples_needed
-
-   !> Text on the expected standard error and, if it exceeds the target, on the samples and steps
-   !> that meet it, with enough samples for a regression.
-   pure function need_text(plan, measured, nanoseconds, n_ranks) result(text)
-      type(plan_type), intent(in) :: plan
-      type(tradeoff_type), intent(in) :: measured
-      real(wp), intent(in) :: nanoseconds   !! time per step of a sample
-      integer, intent(in) :: n_ranks
-      character(:), allocatable :: text
-      type(plan_type) :: larger
-      type(slip_error) :: error
-      integer(long) :: n_samples, n_steps
-      real(wp) :: ratio, seconds   ! ratio of the needed work to that of the scene
-
       associate (s => plan%integration, wanted => plan%accuracy%target_statistical, &
                  n_now => plan%cases%n_samples)
-         error = predicted_slip_error(plan, measured)
+         predicted = predicted_slip_error(plan, measured)
          text = 'target_statistical = '//brief(wanted)//': a standard error of about '// &
-                brief(statistical_error(error))//' points is foreseen'
-         if (statistical_error(error) > wanted) then
+                brief(statistical_error(predicted))//' points is expected'
+         if (statistical_error(predicted) > wanted) then
             larger = plan
             larger%cases%n_samples = max(fewest_samples, n_now)
-            error = predicted_slip_error(larger, measured)
-            call find_need(error, wanted, s%n_steps - s%n_discard, n_samples, n_steps)
-            ratio = real(n_samples, wp)/maxval(n_now)*(n_steps + s%n_discard)/s%n_steps
-            seconds = 1.0e-9_wp*nanoseconds*ratio*s%n_steps*sum(real(n_now, wp))/n_ranks
-            text = text//'; '//need_words(plan, error, ', '//duration(seconds))
+            predicted = predicted_slip_error(larger, measured)
+            call find_need(predicted, wanted, s%n_steps - s%n_discard, n_samples, n_steps)
+            seconds = 1.0e-9_wp*nanoseconds*n_samples/maxval(n_now)*(n_steps + s%n_discard) &
+                      *sum(real(n_now, wp))/world%n_ranks
+            text = text//'; '//need_words(plan, predicted, ', '//duration(seconds))
          end if
       end associate
       text = labelled('statistics', text)
       text = text(:len(text) - 1)
-   end function need_text
+   end subroutine predict_samples_needed
 
 end module driver_check

@@ -42,7 +42,8 @@ contains
       if (.not. allocated(error)) call check_sample(line, plan, error)
       if (.not. allocated(error)) call refuse_oversize(plan, error)
       call world%stop_on(error)
-      call choose_setting(world, scene, plan, choice)
+      call choose_setting(world, line%has('--quiet') .or. .not. world%is_root(), scene, plan, &
+                          choice)
       call open_new_output(world, line, scene, ending_of(line), output)
       plan%output%history = .true.
       plan%output%transitions = .true.

@@ -50,7 +50,8 @@ contains
       if (.not. allocated(error)) call refuse_oversize(plan, error)
       call world%stop_on(error)
       call set_limit(plan%walltime)
-      call choose_setting(world, scene, plan, choice)
+      call choose_setting(world, line%has('--quiet') .or. .not. world%is_root(), scene, plan, &
+                          choice)
       call add_audits(plan)
       call open_output(world, line, scene, plan, output)
       if (output%is_complete) then

@@ -123,14 +123,17 @@ contains
    !> Replaces the scene's setting if the scene has a target of numerical error. Ends the run if no
    !> setting keeps it, or if it is asked to stop. The choice does not depend on campaign%n_samples,
    !> so that a campaign can be extended. Collective.
-   subroutine choose_setting(world, scene, plan, choice)
+   subroutine choose_setting(world, is_quiet, scene, plan, choice)
       type(world_type), intent(in) :: world
+      logical, intent(in) :: is_quiet
       type(scene_type), intent(inout) :: scene
       type(plan_type), intent(inout) :: plan
       character(:), allocatable, intent(out) :: choice   !! text on the choice; '' without target
       type(plan_type) :: trial   ! plan with at least a block of samples
       type(tradeoff_type) :: measured
       type(setting_row), allocatable :: rows(:)
+      type(setting_row) :: nearest
+      character(:), allocatable :: reached, target
       type(error_type), allocatable :: error
       logical :: is_stopped
       integer :: chosen
@@ -139,17 +142,28 @@ contains
       associate (points => plan%accuracy%target_slip_points, &
                  ratio => plan%accuracy%target_band_ratio)
          if (.not. (plan%has_structure .and. max(points, ratio) > 0.0_wp)) return
+         if (.not. is_quiet) call say('comparing settings for the targets of &accuracy')
          trial = plan
          where (trial%cases%process > 0) &
             trial%cases%n_samples = max(trial%cases%n_samples, samples_of_block(plan, scene%force))
-         call measure_settings(world, trial, scene%force, trial_scope(budget=budget), .true., &
+         call measure_settings(world, trial, scene%force, trial_scope(budget=budget), is_quiet, &
                                measured, is_stopped, error)
          call world%stop_on(error)
          if (is_stopped) call stop_world(exit_stopped)
          rows = setting_rows_of(measured)
          chosen = minloc(rows%work, 1, mask=meets_targets(rows, points, ratio))
-         if (chosen == 0) &
-            call refuse(points, ratio, rows(nearest_to_targets(rows, points, ratio)), plan, error)
+         if (chosen == 0) then
+            nearest = rows(nearest_to_targets(rows, points, ratio))
+            target = 'accuracy%target_band_ratio = '//to_text(ratio)
+            reached = brief(nearest%error_bound(band_ratio))
+            if (.not. meets_targets(nearest, points, 0.0_wp)) then
+               target = 'accuracy%target_slip_points = '//to_text(points)
+               reached = brief(nearest%error_bound(slip))//' points'
+            end if
+            call raise(error, exit_no_solution, target//': no setting keeps it; the nearest is '// &
+                       setting_text(nearest%setting, plan%integration%dt)//' with '//reached// &
+                       ', twice its standard error included')
+         end if
          call world%stop_on(error)
       end associate
       call use_setting(rows(chosen)%setting, scene%integration)
@@ -159,26 +173,6 @@ contains
       choice = labelled('accuracy', choice)
       choice = choice(:len(choice) - 1)
    end subroutine choose_setting
-
-   !> Refuses targets that no setting keeps; the message names a target and the nearest setting.
-   pure subroutine refuse(points, ratio, nearest, plan, error)
-      real(wp), intent(in) :: points, ratio   !! targets; 0: none
-      type(setting_row), intent(in) :: nearest
-      type(plan_type), intent(in) :: plan
-      type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: target, reached
-
-      if (.not. meets_targets(nearest, points, 0.0_wp)) then
-         target = 'accuracy%target_slip_points = '//to_text(points)
-         reached = brief(nearest%error_bound(slip))//' points'
-      else
-         target = 'accuracy%target_band_ratio = '//to_text(ratio)
-         reached = brief(nearest%error_bound(band_ratio))
-      end if
-      call raise(error, exit_no_solution, target//': no setting keeps it; the nearest is '// &
-                 setting_text(nearest%setting, plan%integration%dt)//' with '//reached// &
-                 ', twice its standard error included')
-   end subroutine refuse
 
    !> Text on a choice, as "event, tolerance 1e-3: the least work at the scene's dt that keeps slip
    !> to 0.1 points (measured 2.2e-9)".

@@ -18,6 +18,9 @@ def test_a_target_is_kept_with_the_least_work(entroslip, small_scene, tmp_path):
     done = entroslip("run", small_scene, *ASKED)
     assert done.returncode == 0, done.stderr
     assert "accuracy     event, tolerance 0.001: the least work" in done.stdout
+    first, second = done.stdout.splitlines()[:2]  # before the trial marches, which take seconds
+    assert first == "comparing settings for the targets of &accuracy"
+    assert re.fullmatch(r"\d+ trial marches, .* s on 1 rank", second)
     exact = entroslip(
         "run", small_scene, "--set", "campaign%n_samples=12", "--output", "exact.h5",
         "--set", "integration%method=event", "--set", "integration%tolerance=1e-11",
