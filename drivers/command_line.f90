@@ -6,7 +6,7 @@ module driver_command_line
    use io_files, only: exists
    implicit none(type, external)
    private
-   public :: command_help, command_line, read_command_line, help_text
+   public :: command_line, help_text, read_command_line
 
    !> Commands, one row each: name and argument; its purpose begins at `text_column`.
    character(*), parameter :: commands(*) = [character(76) :: &
@@ -261,11 +261,17 @@ contains
       end do
    end function purpose_for
 
-   !> General help: 23 lines of at most 80 columns, one screen of a terminal.
-   pure function help_text() result(text)
+   !> Help on a command, else general help: 23 lines of at most 80 columns, one screen of a
+   !> terminal.
+   pure function help_text(command) result(text)
+      character(*), intent(in), optional :: command
       character(:), allocatable :: text
       character, parameter :: nl = new_line('a')
 
+      if (present(command)) then
+         text = command_help(command)
+         return
+      end if
       text = 'entroslip: maximum-entropy properties, and vibration held by friction'//nl// &
              'usage: [mpirun -n RANKS] entroslip COMMAND [SCENE] [options]'//nl//nl// &
              rows(commands)//nl//rows(options)//nl// &

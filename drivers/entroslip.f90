@@ -7,7 +7,7 @@ program entroslip
    use core_openblas, only: restart_for_openblas
    use core_terminal, only: end_program, say, start_terminal, write_error
    use driver_check, only: check
-   use driver_command_line, only: command_help, command_line, help_text, read_command_line
+   use driver_command_line, only: command_line, help_text, read_command_line
    use driver_estimate, only: estimate
    use driver_provenance, only: version_text
    use driver_replay, only: replay
@@ -27,11 +27,12 @@ program entroslip
          call start_world(world)
          call world%stop_on(error)
       end if
-   end if
-   call end_on(error)
-   if (all(line%command /= [character(8) :: 'template', 'version', 'help'])) then
+   else if (all(line%command /= [character(8) :: 'template', 'version', 'help'])) then
       call require_memory(error)
-      call end_on(error)
+   end if
+   if (allocated(error)) then
+      call write_error(error%message)
+      call end_program(error%exit_code)
    end if
    select case (line%command)
    case ('run')
@@ -53,23 +54,8 @@ program entroslip
    case ('version')
       call say(version_text())
    case ('help')
-      if (allocated(line%subject)) then
-         call say(command_help(line%subject))
-      else
-         call say(help_text())
-      end if
+      call say(help_text(line%subject))
    end select
    call end_program(exit_done)
-
-contains
-
-   !> Ends the program if there is an error.
-   subroutine end_on(error)
-      type(error_type), allocatable, intent(in) :: error
-
-      if (.not. allocated(error)) return
-      call write_error(error%message)
-      call end_program(error%exit_code)
-   end subroutine end_on
 
 end program entroslip

@@ -72,16 +72,13 @@ contains
       character(*), intent(in) :: path, text
       type(error_type), allocatable, intent(out) :: error
       character(256) :: reason
-      integer :: ignored, status, unit
+      integer :: status, unit
 
       open (newunit=unit, file=path, status='new', action='write', access='stream', &
             form='formatted', iostat=status, iomsg=reason)
-      if (status == 0) then
-         write (unit, '(a)', advance='no', iostat=status, iomsg=reason) text
-         if (status == 0) flush (unit, iostat=status, iomsg=reason)
-         close (unit, iostat=ignored)
-         if (status == 0) status = ignored
-      end if
+      if (status == 0) write (unit, '(a)', advance='no', iostat=status, iomsg=reason) text
+      if (status == 0) flush (unit, iostat=status, iomsg=reason)
+      if (status == 0) close (unit, iostat=status, iomsg=reason)
       if (status /= 0) then
          call raise(error, exit_file, path//': cannot be written: '//trim(reason))
       else

@@ -17,75 +17,73 @@ module driver_judge_results
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: judge, need_words, add_samples, error_summary
+   public :: judge, need_words, add_samples
 
    !> Largest cost of a sample with its own record, which it draws, over that of one without.
    real(wp), parameter :: cost_of_own_record = 1.5_wp
 
 contains
 
-   !> Refuses a results file that misses a target; the message names all missed targets and what
-   !> would meet them.
-   subroutine judge(path, plan, error)
-      character(*), intent(in) :: path
-      type(plan_type), intent(in) :: plan
-      type(error_type), allocatable, intent(out) :: error
-      type(case_errors), allocatable :: errors(:)
-      character(:), allocatable :: failures
-      integer :: i, n_cases(size(plan%cases)), n_own
-
-      if (.not. plan%has_structure) return
-      associate (wanted => plan%accuracy)
-         if (.not. max(wanted%target_slip_points, wanted%target_band_ratio, &
-                       wanted%target_statistical) > 0.0_wp) return
-      end associate
-      n_own = count(plan%cases%audits == 0)
-      call read_errors(path, n_own, errors, error)
-      if (allocated(error)) return
-      failures = ''
-      n_cases = sharing_cases(plan)
-      do i = 1, n_own
-         failures = failures//numerical_failures(plan, i, errors(i))
-         if (errors(i)%statistics%n_samples > 1) failures = failures// &
-            statistical_failure(plan, i, slip_error_of(errors(i)%statistics, n_cases(i), &
-                                                       plan%excitation%per_sample))
-      end do
-      if (failures /= '') call raise(error, exit_no_solution, path//' is written, and not as '// &
-                                     'accurate as wanted'//failures)
-   end subroutine judge
-
-   !> Writes one line of text on the errors of the mean times in slip in a results file, on cases
-   !> where no joint slips and on samples that are not steady; '' if there is nothing to say.
-   subroutine error_summary(path, plan, text, error)
+   !> Writes a text on the errors of a results file. Refuses one that misses a target; the message
+   !> names all missed targets and what would meet them.
+   subroutine judge(path, plan, text, error)
       character(*), intent(in) :: path
       type(plan_type), intent(in) :: plan
       character(:), allocatable, intent(out) :: text
       type(error_type), allocatable, intent(out) :: error
       type(case_errors), allocatable :: errors(:)
+      character(:), allocatable :: failures
+      integer :: i, n_cases(size(plan%cases)), n_own
+
+      text = ''
+      if (.not. plan%has_structure) return
+      n_own = count(plan%cases%audits == 0)
+      call read_errors(path, n_own, errors, error)
+      if (allocated(error)) return
+      text = errors_text(plan, errors)
+      failures = ''
+      n_cases = sharing_cases(plan)
+      do i = 1, n_own
+         failures = failures//missed_targets(plan, i, errors(i), n_cases(i))
+      end do
+      if (failures /= '') call raise(error, exit_no_solution, path//' is written, and not as '// &
+                                     'accurate as wanted'//failures)
+   end subroutine judge
+
+   !> Text on the errors of the mean times in slip, on cases where no joint slips and on samples
+   !> that are not steady: parts that begin with '; '.
+   function errors_text(plan, errors) result(text)
+      type(plan_type), intent(in) :: plan
+      type(case_errors), intent(in) :: errors(:)   !! (case)
+      character(:), allocatable :: slip, text
+      real(wp), parameter :: rounding = 1.0e-9_wp   ! [points], of joints that always slip
       type(slip_error) :: case_error, largest
-      logical, allocatable :: is_stuck(:)   ! (case) no joint slips in any sample
+      logical :: is_stuck(size(errors))   ! (case) no joint slips in any sample
       integer :: i
 
       text = ''
-      call read_errors(path, count(plan%cases%audits == 0), errors, error)
-      if (allocated(error)) return
       largest = slip_error(samples=[0.0_wp], record=[0.0_wp])
-      allocate (is_stuck(size(errors)), source=.false.)
+      is_stuck = .false.
       do i = 1, size(errors)
          if (.not. allocated(errors(i)%statistics%numbers)) cycle
          is_stuck(i) = .not. any(errors(i)%statistics%numbers%value > 0.0_wp)
          case_error = slip_error_of(errors(i)%statistics, 0, .false.)
          if (statistical_error(case_error) > statistical_error(largest)) largest = case_error
       end do
-      text = statistical_error_text(plan, largest)
-      if (any(errors%n_audited > 0)) then
-         if (text == '') then
-            text = 'mean time in slip: '
-         else
-            text = text//', '
-         end if
-         text = text//'numerical error '//brief(maxval(errors%slip_points))//' points'
+      slip = ''
+      if (statistical_error(largest) >= huge(1.0_wp)) then
+         slip = 'the march is too short to tell its standard error'
+      else if (statistical_error(largest) > rounding) then
+         slip = 'standard error at most '//brief(statistical_error(largest))//' points'
+         if (is_mostly_time_average(largest)) slip = slip// &
+            ' (most of it time-average error: more steps lower it, more samples do not)'
       end if
+      if (.not. plan%output%slip) slip = ''
+      if (any(errors%n_audited > 0)) then
+         if (slip /= '') slip = slip//', '
+         slip = slip//'numerical error '//brief(maxval(errors%slip_points))//' points'
+      end if
+      if (slip /= '') call add_part('mean time in slip: '//slip)
       if (any(is_stuck)) call add_part('no joint slips in '//numbers_text('c', is_stuck, 'cases'))
       if (all(errors%n_unsteady == 0)) then
          call add_part('all samples are steady')
@@ -97,86 +95,65 @@ contains
 
    contains
 
-      !> Adds a part to the line.
+      !> Adds a part to the text.
       subroutine add_part(part)
          character(*), intent(in) :: part
 
-         if (text /= '') text = text//'; '
-         text = text//part
+         text = text//'; '//part
       end subroutine add_part
 
-   end subroutine error_summary
+   end function errors_text
 
-   !> Text on the largest standard error of a mean time in slip, and on what lowers it; '' without
-   !> an error.
-   pure function statistical_error_text(plan, error) result(text)
+   !> Lines on the targets that a case misses: numerical errors by more than twice the standard
+   !> error that an audit of a share of the samples leaves; the standard error of the mean time in
+   !> slip, with what would meet the target.
+   function missed_targets(plan, number, errors, n_cases) result(text)
       type(plan_type), intent(in) :: plan
-      type(slip_error), intent(in) :: error
-      character(:), allocatable :: text
-      real(wp), parameter :: rounding = 1.0e-9_wp   ! [points], of joints that always slip
-
-      text = ''
-      if (.not. plan%output%slip) return
-      if (statistical_error(error) >= huge(1.0_wp)) then
-         text = 'mean time in slip: the march is too short to tell its standard error'
-      else if (statistical_error(error) > rounding) then
-         text = 'mean time in slip: standard error at most '//brief(statistical_error(error))// &
-                ' points'
-         if (is_mostly_time_average(error)) text = text// &
-            ' (most of it time-average error: more steps lower it, more samples do not)'
-      end if
-   end function statistical_error_text
-
-   !> Lines on the numerical errors of a case that exceed their targets by more than twice the
-   !> standard error that an audit of a share of the samples leaves.
-   function numerical_failures(plan, number, errors) result(text)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number
+      integer, intent(in) :: number, n_cases   !! case number; n_cases as in slip_error
       type(case_errors), intent(in) :: errors
       character(:), allocatable :: text
+      type(slip_error) :: error
 
-      text = judged('target_slip_points', plan%accuracy%target_slip_points, errors%slip_points, &
-                    errors%slip_points_error, ' points')// &
-             judged('target_band_ratio', plan%accuracy%target_band_ratio, errors%band_ratio, &
-                    errors%band_ratio_error, '')
+      text = ''
+      associate (wanted => plan%accuracy)
+         call check_audit('target_slip_points', wanted%target_slip_points, errors%slip_points, &
+                          errors%slip_points_error, ' points')
+         call check_audit('target_band_ratio', wanted%target_band_ratio, errors%band_ratio, &
+                          errors%band_ratio_error, '')
+         if (errors%statistics%n_samples < 2 .or. .not. wanted%target_statistical > 0.0_wp) return
+         error = slip_error_of(errors%statistics, n_cases, plan%excitation%per_sample)
+         if (statistical_error(error) <= wanted%target_statistical) return
+         if (statistical_error(error) >= huge(1.0_wp)) then
+            call add('target_statistical', wanted%target_statistical, 'too short a march to tell')
+         else
+            call add('target_statistical', wanted%target_statistical, &
+                     brief(statistical_error(error))//' points; '//need_words(plan, error, ''))
+         end if
+      end associate
 
    contains
 
-      !> Line on one error; '' if it is not known to exceed its target.
-      function judged(name, wanted, found, standard_error, unit) result(line)
+      !> Adds a line if the audit shows that an error exceeds its target.
+      subroutine check_audit(name, wanted, found, standard_error, unit)
          character(*), intent(in) :: name, unit
          real(wp), intent(in) :: wanted   !! target; 0: none
          real(wp), intent(in) :: found, standard_error
-         character(:), allocatable :: line
 
-         line = ''
          if (errors%n_audited > 0 .and. wanted > 0.0_wp .and. found - 2*standard_error > wanted) &
-            line = failure(name, wanted, number, 'a numerical error of '//brief(found)//unit// &
-                           ' in '//counted(errors%n_audited, 'audited sample', 'audited samples'))
-      end function judged
+            call add(name, wanted, 'a numerical error of '//brief(found)//unit//' in '// &
+                     counted(errors%n_audited, 'audited sample', 'audited samples'))
+      end subroutine check_audit
 
-   end function numerical_failures
+      !> Adds a line on a missed target.
+      subroutine add(name, wanted, found)
+         character(*), intent(in) :: name, found
+         real(wp), intent(in) :: wanted
 
-   !> Line on the standard error of a case's mean time in slip, with what would meet the target; ''
-   !> if it meets it.
-   function statistical_failure(plan, number, error) result(text)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number
-      type(slip_error), intent(in) :: error
-      character(:), allocatable :: text
+         text = text//new_line('a')//'accuracy%'//name//' = '//brief(wanted)//': case '// &
+                to_text(number)//' has '//found
+      end subroutine add
 
-      text = ''
-      associate (wanted => plan%accuracy%target_statistical)
-         if (.not. wanted > 0.0_wp .or. statistical_error(error) <= wanted) return
-         if (statistical_error(error) >= huge(1.0_wp)) then
-            text = failure('target_statistical', wanted, number, 'too short a march to tell')
-         else
-            text = failure('target_statistical', wanted, number, &
-                           brief(statistical_error(error))//' points; '// &
-                           need_words(plan, error, ''))
-         end if
-      end associate
-   end function statistical_failure
+   end function missed_targets
 
    !> Text on the samples and steps that bring an error to the target, and on samples that each have
    !> their own record of noise if these cost less.
@@ -205,17 +182,6 @@ contains
             text = text//', or '//to_text(n_own)//' samples with excitation%per_sample = .true.'
       end associate
    end function need_words
-
-   !> Line on a target that a case misses.
-   function failure(name, wanted, number, found) result(line)
-      character(*), intent(in) :: name, found
-      real(wp), intent(in) :: wanted
-      integer, intent(in) :: number
-      character(:), allocatable :: line
-
-      line = new_line('a')//'accuracy%'//name//' = '//brief(wanted)//': case '//to_text(number)// &
-             ' has '//found
-   end function failure
 
    !> Adds multiples of `increment` samples to the cases that miss target_statistical and can meet
    !> it by more samples, if the scene has sample_until_met. The number depends only on the samples

@@ -22,7 +22,7 @@ module driver_processes
    private
    public :: solve_processes
 
-   !> Broadcasts each component of a model.
+   !> Broadcasts each component of a model from the rank that has it.
    type, extends(component_visitor) :: broadcast_visitor
       type(world_type) :: world
       integer :: source = 0   !! rank that has the model
@@ -48,6 +48,7 @@ contains
       type(process_model_type) :: fit
       type(work_counter) :: counter
       type(progress_type) :: progress
+      type(broadcast_visitor) :: visitor
       integer, dimension(size(plan%processes)) :: first, n_parts, owner
       integer, allocatable :: fits(:)   ! processes to be fitted; others scale their models
       integer :: i, item
@@ -90,7 +91,13 @@ contains
             call keep_models(world, plan, fit, is_missing .and. first == fits(i), models, owner, &
                              failure, output)
       end do
-      call broadcast_models(world, owner, models)
+      visitor%world = world
+      do i = 1, size(models)
+         visitor%source = world%maximum(owner(i))
+         if (visitor%source < 0) cycle
+         if (visitor%source /= world%rank) call reset_components(models(i))
+         call visit_components(visitor, models(i))
+      end do
       if (present(error)) call move_alloc(failure, error)
    end subroutine solve_processes
 
@@ -207,23 +214,6 @@ contains
       model%inversion%seconds = finish - start
       model%inversion%seconds_of_fit = model%seconds
    end subroutine check_inversion
-
-   !> Broadcasts every model from the rank that has it. Collective.
-   subroutine broadcast_models(world, owner, models)
-      type(world_type), intent(in) :: world
-      integer, intent(in) :: owner(:)   !! (process) this rank if it has the model, else -1
-      type(process_model_type), intent(inout) :: models(:)
-      type(broadcast_visitor) :: visitor
-      integer :: i
-
-      visitor%world = world
-      do i = 1, size(models)
-         visitor%source = world%maximum(owner(i))
-         if (visitor%source < 0) cycle
-         if (visitor%source /= world%rank) call reset_components(models(i))
-         call visit_components(visitor, models(i))
-      end do
-   end subroutine broadcast_models
 
    !> Broadcasts one component. All ranks visit the components in the same order.
    subroutine broadcast_table(self, item, values)

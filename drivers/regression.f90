@@ -63,7 +63,22 @@ contains
       if (size(state%pools) == 0) return
       state%plain => statistics
       state%estimates => estimates
-      call prepare_state(plan, frequency, state)
+      state%share_below = plan%output%percentiles/100.0_wp
+      state%n_joints = plan%structure%n_joints
+      call find_input_points(plan%structure, state%points, state%joint_of_point)
+      allocate (state%dofs(0), state%drawn(2, 0))
+      if (size(frequency) > 1) then
+         state%dofs = kept_dofs(plan)
+         state%step = frequency(2) - frequency(1)
+      end if
+      do p = 1, size(state%pools)
+         associate (cases => state%pools(p)%cases)
+            do c = 1, size(cases)
+               call estimates(cases(c))%start(state%points)
+               estimates(cases(c))%pooled_with = pack(cases, cases /= cases(c))
+            end do
+         end associate
+      end do
       n_tasks = state%n_joints + size(state%dofs)
       if (plan%excitation%kind == 'sine') n_tasks = n_tasks + plan%structure%n_dof
       call new_counter(world, n_tasks*size(state%pools), counter)
@@ -76,39 +91,10 @@ contains
       end do
       call counter%close()
       if (world%any_true(allocated(error))) return
-      do p = 1, size(state%pools)
-         associate (cases => state%pools(p)%cases)
-            do c = 1, size(cases)
-               call add_up(world, estimates(cases(c)))
-            end do
-         end associate
+      do c = 1, size(estimates)
+         if (estimates(c)%estimator /= 'plain') call add_up(world, estimates(c))
       end do
    end subroutine find_estimates
-
-   !> Prepares the input of all tasks, and the estimates that they fill.
-   subroutine prepare_state(plan, frequency, state)
-      type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: frequency(:)
-      type(regression_state), intent(inout) :: state
-      integer :: i, p
-
-      state%share_below = plan%output%percentiles/100.0_wp
-      state%n_joints = plan%structure%n_joints
-      call find_input_points(plan%structure, state%points, state%joint_of_point)
-      allocate (state%dofs(0), state%drawn(2, 0))
-      if (size(frequency) > 1) then
-         state%dofs = kept_dofs(plan)
-         state%step = frequency(2) - frequency(1)
-      end if
-      do p = 1, size(state%pools)
-         associate (cases => state%pools(p)%cases)
-            do i = 1, size(cases)
-               call state%estimates(cases(i))%start(state%points)
-               state%estimates(cases(i))%pooled_with = pack(cases, cases /= cases(i))
-            end do
-         end associate
-      end do
-   end subroutine prepare_state
 
    !> Estimates all quantities of a joint, or the spectra or the amplitude of a dof, for all cases
    !> of a pool.

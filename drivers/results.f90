@@ -163,6 +163,9 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: folded_share(:)   ! (dof)
       real(wp), allocatable :: force(:, :)       ! (0:n_steps, record) [N], only with histories
+      type(block_result) :: samples
+      integer, allocatable :: first(:)
+      integer :: g
 
       associate (case => plan%cases(number))
          if (plan%output%history) then
@@ -174,31 +177,18 @@ contains
          folded_share = [real(wp) ::]
          if (plan%output%spectrum) folded_share = runner%folded_share(:, number)
          call begin_case(file, plan, number, runner%layout, folded_share, group, force)
-         call write_samples(plan, number, stored, group, error)
+         first = sample_groups(case%n_samples)
       end associate
-   end subroutine begin_group
-
-   !> Writes the short data of a case's samples.
-   subroutine write_samples(plan, number, stored, group, error)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number   !! case number
-      type(stored_samples), intent(in) :: stored
-      type(group_type), intent(inout) :: group
-      type(error_type), allocatable, intent(out) :: error
-      type(block_result) :: samples
-      integer, allocatable :: first(:)
-      integer :: g
-
-      first = sample_groups(plan%cases(number)%n_samples)
       do g = 1, size(first) - 1
          call attend_to_others()
          call stored%read(number, first(g), first(g + 1) - 1, samples, error)
          if (allocated(error)) return
          call write_block(group, plan, samples)
       end do
-   end subroutine write_samples
+   end subroutine begin_group
 
-   !> Compares an audit with the samples that it repeats, and writes the errors. Only for the root.
+   !> Compares an audit with the samples that it repeats, spectra some frequencies at a time, and
+   !> writes the errors. Only for the root.
    subroutine finish_audit(plan, audit, layout, stored, file, error)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: audit   !! its case number
@@ -208,6 +198,9 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(block_result) :: tested, reference
       type(numerical_error) :: errors
+      type(spectrum_comparison) :: comparison
+      real(wp), allocatable :: psd(:, :, :), reference_psd(:, :, :)   ! (dof, frequency, sample)
+      integer :: f, n_at_once, n_dof, n_frequencies
 
       associate (audited => plan%cases(audit)%audits, n => plan%cases(audit)%n_samples)
          call stored%read(audited, 1, n, tested, error)
@@ -215,40 +208,22 @@ contains
          if (allocated(error)) return
          call compare_slip(tested%slip_fraction, reference%slip_fraction, &
                            plan%cases(audited)%n_samples, errors)
+         n_dof = size(kept_dofs(plan))
+         n_frequencies = size(layout%frequency)
+         n_at_once = frequencies_together(n_dof, n_frequencies)
+         do f = 1, merge(n_frequencies, 0, plan%output%spectrum), n_at_once
+            allocate (psd(n_dof, min(n_at_once, n_frequencies - f + 1), n))
+            allocate (reference_psd, mold=psd)
+            call stored%read_part(audited, 'psd', [1, f, 1], psd, error)
+            if (.not. allocated(error)) &
+               call stored%read_part(audit, 'psd', [1, f, 1], reference_psd, error)
+            if (allocated(error)) return
+            call comparison%add(psd, reference_psd, plan%output%percentiles)
+            deallocate (psd, reference_psd)
+         end do
+         if (plan%output%spectrum) call comparison%finish(plan%cases(audited)%n_samples, errors)
       end associate
-      if (plan%output%spectrum) &
-         call compare_psd(plan, audit, size(layout%frequency), stored, errors, error)
-      if (allocated(error)) return
       call write_audit(file, plan, audit, reference, layout, errors, stored, error)
    end subroutine finish_audit
-
-   !> Compares the spectra of an audit with those of its case, some frequencies at a time.
-   subroutine compare_psd(plan, audit, n_frequencies, stored, errors, error)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: audit   !! its case number
-      integer, intent(in) :: n_frequencies
-      type(stored_samples), intent(in) :: stored
-      type(numerical_error), intent(inout) :: errors
-      type(error_type), allocatable, intent(out) :: error
-      type(spectrum_comparison) :: comparison
-      real(wp), allocatable :: tested(:, :, :), reference(:, :, :)   ! (dof, frequency, sample)
-      integer :: f, n_dof, n_at_once
-
-      n_dof = size(kept_dofs(plan))
-      n_at_once = frequencies_together(n_dof, n_frequencies)
-      associate (audited => plan%cases(audit)%audits, n => plan%cases(audit)%n_samples)
-         do f = 1, n_frequencies, n_at_once
-            allocate (tested(n_dof, min(n_at_once, n_frequencies - f + 1), n))
-            allocate (reference, mold=tested)
-            call stored%read_part(audited, 'psd', [1, f, 1], tested, error)
-            if (.not. allocated(error)) &
-               call stored%read_part(audit, 'psd', [1, f, 1], reference, error)
-            if (allocated(error)) return
-            call comparison%add(tested, reference, plan%output%percentiles)
-            deallocate (tested, reference)
-         end do
-         call comparison%finish(plan%cases(audited)%n_samples, errors)
-      end associate
-   end subroutine compare_psd
 
 end module driver_results

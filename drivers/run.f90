@@ -13,7 +13,7 @@ module driver_run
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
-   use driver_judge_results, only: judge, add_samples, error_summary
+   use driver_judge_results, only: add_samples, judge
    use driver_output, only: open_output, output_type
    use driver_processes, only: solve_processes
    use driver_results, only: write_results
@@ -40,7 +40,7 @@ contains
       type(output_type) :: output
       type(runner_type) :: runner
       type(process_model_type), allocatable :: models(:)
-      character(:), allocatable :: choice
+      character(:), allocatable :: choice, errors
       type(error_type), allocatable :: error, ignored
 
       call start_watch()
@@ -57,7 +57,7 @@ contains
       if (output%is_complete) then
          if (world%is_root()) then
             call output%say(output%path//' is complete: nothing to do'//surplus_text(plan, output))
-            call judge(output%path, plan, error)
+            call judge(output%path, plan, errors, error)
          end if
          call output%stop_on(error)
          call output%end_run(exit_done)
@@ -85,8 +85,13 @@ contains
       end if
       call write_results(plan, models, runner, output, error)
       call output%stop_on(error)
-      call print_summary(plan, output)
-      if (world%is_root()) call judge(output%path, plan, error)
+      if (world%is_root()) then
+         call judge(output%path, plan, errors, error)
+         call output%say(summary(plan, output))
+         call output%say(duration(seconds_so_far())//errors)
+         if (exists(output%store%folder)) &
+            call output%say('samples beyond these stay in '//output%store%folder)
+      end if
       call output%stop_on(error)
       call output%end_run(exit_done)
    end subroutine run
@@ -283,24 +288,6 @@ contains
       call output%say('stopped early; what is finished is safe: start again to continue')
       call output%end_run(exit_stopped)
    end subroutine end_if_requested
-
-   !> Prints the summary of the run, its duration and the errors of the results. Collective.
-   subroutine print_summary(plan, output)
-      type(plan_type), intent(in) :: plan
-      type(output_type), intent(inout) :: output
-      character(:), allocatable :: errors
-      type(error_type), allocatable :: error
-
-      errors = ''
-      if (output%world%is_root() .and. plan%has_structure) &
-         call error_summary(output%path, plan, errors, error)
-      call output%stop_on(error)
-      if (errors /= '') errors = '; '//errors
-      call output%say(summary(plan, output))
-      call output%say(duration(seconds_so_far())//errors)
-      if (exists(output%store%folder)) &
-         call output%say('samples beyond these stay in '//output%store%folder)
-   end subroutine print_summary
 
    !> Line on the numbers of processes, cases and samples in the results.
    pure function summary(plan, output) result(text)

@@ -109,7 +109,20 @@ contains
       if (world%any_true(allocated(error))) return
       call world%add_up(size(self%spans%common), self%spans%common)
       call world%add_up(size(self%spans%autocovariance), self%spans%autocovariance)
-      call finish_numbers(self, plan, statistics)
+      statistics%n_samples = plan%cases(self%number)%n_samples
+      statistics%n_joints = plan%structure%n_joints
+      associate (n => size(self%numbers%at, 1), last => self%numbers%n_percentiles + 2)
+         allocate (statistics%numbers(n, last))
+         call self%numbers%finish(statistics%numbers(:, :last - 1), statistics%numbers(:, last))
+      end associate
+      associate (slip => statistics%numbers(:statistics%n_joints, :))
+         slip%high = min(slip%high, 1.0_wp)   ! an interval may end above the largest fraction
+      end associate
+      if (self%has_spans) then
+         call self%spans%finish(statistics%n_samples, statistics)
+         ! with a record per sample it is part of the Monte Carlo error
+         if (plan%excitation%per_sample) statistics%slip_mean_time_error = 0.0_wp
+      end if
       if (self%n_slices == 0) return
       associate (bands => self%bands)
          call world%add_up(size(bands%influence), bands%influence)
@@ -247,27 +260,6 @@ contains
       call stored%read(number, first, first + size(values, 2) - 1, samples, error)
       if (.not. allocated(error)) values = numbers_of(samples)
    end subroutine read_numbers
-
-   !> Computes the statistics of the numbers and, with slip series, the time-average error.
-   subroutine finish_numbers(self, plan, statistics)
-      class(case_task), intent(in) :: self
-      type(plan_type), intent(in) :: plan
-      type(case_statistics), intent(inout) :: statistics
-
-      statistics%n_samples = plan%cases(self%number)%n_samples
-      statistics%n_joints = plan%structure%n_joints
-      associate (n => size(self%numbers%at, 1), last => self%numbers%n_percentiles + 2)
-         allocate (statistics%numbers(n, last))
-         call self%numbers%finish(statistics%numbers(:, :last - 1), statistics%numbers(:, last))
-      end associate
-      associate (slip => statistics%numbers(:statistics%n_joints, :))
-         slip%high = min(slip%high, 1.0_wp)   ! an interval may end above the largest fraction
-      end associate
-      if (.not. self%has_spans) return
-      call self%spans%finish(statistics%n_samples, statistics)
-      ! with a record per sample it is part of the Monte Carlo error
-      if (plan%excitation%per_sample) statistics%slip_mean_time_error = 0.0_wp
-   end subroutine finish_numbers
 
    !> Adds the spectra of a group of samples at a slice of the frequencies.
    subroutine add_slice(self, stored, group, slice, error)
