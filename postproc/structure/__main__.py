@@ -47,11 +47,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )  # fmt: skip
         if not options.force:
             say(f"force: on dof {pair.last()}, the last; --force DOF for another")
-        written = write_scene(options.out, pair, joints, scene, options.replace)
-        say(f"{options.out}: {', '.join(path.name for path in written)}")
-        scene_path = quote(str(written[-1]))
+        paths = write_scene(options.out, pair, joints, scene, options.replace)
+        say(f"{options.out}: {', '.join(path.name for path in paths)}")
         what = "values" if joints else "joints, one a line,"
-        say(f"next: put your {what} into joints.txt, then entroslip check {scene_path}")
+        say(f"next: put your {what} into joints.txt, then entroslip check {quote(str(paths[-1]))}")
 
     return exit_code(work)
 

@@ -53,7 +53,9 @@ def read_pair(mass: str, stiffness: str, damping: str | None = None) -> Pair:
             f"{plain.source}: does not name its dofs, {named[0].source} does: the order of"
             " their dofs cannot be compared"
         )
-    held = frozenset().union(*(read.held for read in found.values()))
+    if found["M"].held:
+        raise InputError(f"{mass}: M has 1e36 on its diagonal, as Abaqus writes K: exchanged?")
+    held = found["K"].held
     dofs = sorted({dof for read in found.values() for dof in read.dofs or ()} - held)
     matrices = {letter: _on(dofs, read) for letter, read in found.items()}
     labels = tuple(name(dof) for dof in dofs)
@@ -163,8 +165,7 @@ def _of_entries(entries: Entries) -> _Read:
     )
     if entries.is_half():
         matrix = sp.csc_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
-    named = None if is_plain else tuple(dofs)
-    return _Read(str(entries.path), matrix, named, frozenset(held_dofs(entries)))
+    return _Read(str(entries.path), matrix, None if is_plain else tuple(dofs), held_dofs(entries))
 
 
 def _npy(path: Path) -> dict[str, Any]:

@@ -77,12 +77,12 @@ def read_abaqus(path: Path) -> Entries:
     return entries
 
 
-def held_dofs(entries: Entries) -> set[Dof]:
+def held_dofs(entries: Entries) -> frozenset[Dof]:
     """Dofs that Abaqus holds: their diagonal of K is 1e36."""
-    return {
+    return frozenset(
         row for (row, column), value in entries.values.items()
         if row == column and abs(value) >= 0.5 * _FIXED
-    }  # fmt: skip
+    )  # fmt: skip
 
 
 def read_dmig(path: Path) -> dict[str, Entries]:

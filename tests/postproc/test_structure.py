@@ -367,6 +367,8 @@ def spoilt(folder):
         "mass": (of(f"{a}:K", f"{a}:less"), "M: must be positive definite"),
         "stiffness": (of(f"{a}:soft"), "K: must have no negative eigenvalue; the lowest .* is -"),
         "unnamed": (of(SNIPPETS / "rod_STIF1.mtx"), "does not name its dofs"),
+        "exchanged": (of(SNIPPETS / "rod_MASS1.mtx", str(SNIPPETS / "rod_STIF1.mtx")),
+                      "rod_STIF1.mtx: M has 1e36 on its diagonal, as Abaqus writes K: exchanged"),
         "joint": (of(f"{a}:K", f"{a}:M", "--joint", "7", "--out", str(folder / "x")),
                   "dof 7: is not among 3 dofs: 1, 2, 3$"),
         "force": (of(f"{a}:K", f"{a}:M", "--force", "7"), "dof 7: is not among 3 dofs: 1, 2, 3"),
