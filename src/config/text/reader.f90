@@ -306,6 +306,7 @@ contains
          rule = 'must be one value, or one for each of the '//to_text(entry%per_dof)//' dofs'
       else if (entry%length == 1 .and. size(token_of) /= 1) then
          rule = 'must be one value'
+         if (entry%kind == 'text') rule = rule//'; a text with blanks stands in quotes'
       else if (entry%length > 0 .and. size(token_of) /= entry%length) then
          rule = 'must be '//to_text(entry%length)//' values'
       else if ((entry%per_dof < 0 .or. default_size == 0) .and. &
