@@ -4,7 +4,7 @@
 module dynamics_exact_march
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
-   use core_text, only: rounded_text, to_text
+   use core_text, only: brief, rounded_text, to_text
    use dynamics_exact_block_march, only: exact_march
    use dynamics_exact_modal_form, only: modal_form, new_modal_form
    use dynamics_exact_modal_terms, only: lanes, longest_in_parts
@@ -62,8 +62,9 @@ contains
          end if
          if (dt > longest) call raise(error, exit_bad_input, &
                                       'integration%dt = '//to_text(dt)//': must be at most '// &
-                                      rounded_text(longest, 6, down=.true.)// &
-                                      ' with so light a mass, so stiff a spring or joint')
+                                      rounded_text(longest, 6, down=.true.)//' for a mode of '// &
+                                      brief(maxval(structure%frequencies_stuck))// &
+                                      ' Hz: a mass may be too light, a joint or spring too stiff')
       end if
    end subroutine check_exact
 
