@@ -56,21 +56,8 @@ contains
                       size_text(results_size(plan, transitions, predicted)))
       if (size(scene%unused) > 0) &
          text = text//labelled('note', 'given and not used: '//joined(scene%unused))
-      if (plan%has_structure) text = text//damping_note(scene%chain%damping_ratio)
       text = text(:len(text) - 1)
    end function summary_text
-
-   !> Note on an unusually large damping ratio: 1 % of critical is sometimes given as 1.
-   pure function damping_note(damping_ratio) result(text)
-      real(wp), intent(in) :: damping_ratio(:)
-      character(:), allocatable :: text
-      real(wp), parameter :: unusual = 0.2_wp
-
-      text = ''
-      if (any(damping_ratio > unusual)) &
-         text = labelled('note', 'chain%damping_ratio = '//brief(maxval(damping_ratio))// &
-                         ' is above '//brief(unusual)//': 1 % of critical is 0.01')
-   end function damping_note
 
    !> Names of the parts that the plan computes, or of those that it does not.
    pure function activities(plan, wanted) result(names)
@@ -257,15 +244,18 @@ contains
                                             'can be added later'
    end function spectra_text
 
-   !> Lines on the structure: sizes, mass, natural frequencies and zero modes.
+   !> Lines on the structure: sizes, mass if M is diagonal (else M may have rotations and modes),
+   !> natural frequencies, zero modes, and an unusually large damping ratio.
    pure function structure_text(structure) result(text)
       type(structure_type), intent(in) :: structure
       character(:), allocatable :: text
+      real(wp), parameter :: unusual = 0.2_wp   ! 1 % of critical is sometimes given as 1
 
       associate (n => structure%n_dof)
-         text = labelled('structure', counted(n, 'dof', 'dofs')//', '// &
-                         counted(structure%n_joints, 'joint', 'joints')//', mass (1''M1) '// &
-                         brief(sum(structure%mass))//' kg')// &
+         text = counted(n, 'dof', 'dofs')//', '//counted(structure%n_joints, 'joint', 'joints')
+         if (structure%has_lumped_mass()) &
+            text = text//', mass '//brief(sum(structure%mass))//' kg'
+         text = labelled('structure', text)// &
                 labelled('frequencies', brief(structure%frequencies_stuck(1))//' to '// &
                          brief(structure%frequencies_stuck(n))//' Hz stuck, '// &
                          brief(structure%frequencies_slip(1))//' to '// &
@@ -277,6 +267,10 @@ contains
       if (structure%n_zero_modes > 0) &
         text = text//labelled('zero modes', to_text(structure%n_zero_modes)//' with all joints '// &
                                'stuck: the structure moves there without force')
+      if (any(structure%damping_ratio > unusual)) &
+         text = text//labelled('note', 'damping_ratio = '// &
+                               brief(maxval(structure%damping_ratio))//' is above '// &
+                               brief(unusual)//': 1 % of critical is 0.01')
    end function structure_text
 
    !> Text on the dofs that the force acts on.
@@ -308,7 +302,7 @@ contains
          text = brief(least)
          if (most > least) text = text//' to '//brief(most)
          text = text//' in deterministic cases, from '//plan%friction_from
-         if (any(abs(plan%processes%mean - least) > 0.0_wp)) &
+         if (any(abs(plan%processes%mean - least) > 5.0e-3_wp*least)) &   ! three digits are shown
             text = text//', where process%mean is '//brief(plan%processes(1)%mean)
       end associate
    end function friction_text
