@@ -98,7 +98,8 @@ contains
    end function form_of_march
 
    !> Text on the modes above 1/(2 dt), which the sampled force cannot contain: the parts of a step
-   !> that they need are saved by a reduced model. '' without such modes.
+   !> that they need are saved by a reduced model, if there are more such modes than dofs of joints.
+   !> '' without such modes.
    pure function modes_to_spare(marcher) result(text)
       type(exact_march), intent(in) :: marcher
       character(:), allocatable :: text
@@ -107,8 +108,10 @@ contains
       associate (frequency => marcher%structure%frequencies_stuck, limit => 0.5_wp/marcher%dt)
          if (all(frequency <= limit)) return
          text = ', as '//to_text(count(frequency > limit))//' of '//to_text(size(frequency))// &
-                ' modes are above 1/(2 dt) = '//brief(limit)// &
-                ' Hz: the importer''s --modes leaves them out'
+                ' modes are above 1/(2 dt) = '//brief(limit)//' Hz'
+         if (count(frequency > limit) > &
+             count(any(abs(marcher%structure%direction) > 0.0_wp, dim=2))) &
+            text = text//': the importer''s --modes leaves them out'
       end associate
    end function modes_to_spare
 

@@ -334,9 +334,16 @@ def test_modes_that_a_reduction_would_save_are_counted(entroslip, tmp_path):
         "&campaign deterministic = .true. /\n"
     )
     words = " ".join(entroslip("check", "beam.nml").stdout.split())
-    assert re.search(r"parts a step, as 1[0-9] of 20 modes are above 1/\(2 dt\) = 1000 Hz", words)
-    words = " ".join(entroslip("check", "beam.nml", "--set", "integration%dt=1e-5").stdout.split())
+    above = r"parts a step, as 1[0-9] of 20 modes are above 1/\(2 dt\) = 1000 Hz"
+    assert re.search(above + ": the importer's --modes leaves them out", words)
+    options = ("--set", "integration%dt=1e-5", "--set", "structure%damping_ratio=1")
+    words = " ".join(entroslip("check", "beam.nml", *options).stdout.split())
     assert "modes are above" not in words
+    assert "note damping_ratio = 1 is above 0.2: 1 % of critical is 0.01" in words
+    (tmp_path / "joints.txt").write_text("".join(f"{i} 0 2e4 20 0.3\n" for i in range(1, 20)))
+    words = " ".join(entroslip("check", "beam.nml").stdout.split())
+    assert re.search(above, words)
+    assert "importer" not in words, "no reduction leaves out the modes of the joints' dofs"
 
 
 OWN_RECORDS = """\
