@@ -61,4 +61,7 @@ make_venv() {
 if [ "$(id -u)" -eq 0 ]; then
   export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
 fi
+# Its map of the hardware leaves out displays: they are asked for at "localhost", and without that name in /etc/hosts
+# each start of a rank waits 5 to 10 s.
+export HWLOC_COMPONENTS=-gl
 mpi_run=(mpirun --oversubscribe -n)
