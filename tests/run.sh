@@ -5,18 +5,21 @@ cd "$(dirname "$0")/.."
 . scripts/prepare.sh
 
 # shellcheck disable=SC2086   # one word a package
-install_packages $build_packages $test_packages
-build debug
+install_packages $build_packages
+# What waits for the network comes while the compiler works.
+{ install_packages $test_packages; make_venv tests/requirements.txt; } &
+installed=$!
 build release
-make_venv tests/requirements.txt
+wait $installed
 
 failed=0
+say "Beside what follows: the debug build, its unit and MPI tests (build/debug.log)"
+{ build debug; ctest --preset debug --parallel 1; } >build/debug.log 2>&1 &
+debugged=$!
 say "Unit and MPI tests: release"
 ctest --preset release || failed=1
-# Three lanes share the cores: two of pytest, a file of tests in one of them, and the unit tests with every check.
-say "The program end to end, and the Python package; beside them unit and MPI tests: debug"
-ctest --preset debug --parallel 1 >build/ctest-debug.log 2>&1 &
-checked=$!
+say "The program end to end, and the Python package"
 .venv/bin/python -m pytest -q -n 2 --dist loadfile tests || failed=1
-if wait "$checked"; then tail -n 5 build/ctest-debug.log; else failed=1 && cat build/ctest-debug.log; fi
+say "Unit and MPI tests: debug"
+if wait $debugged; then tail -n 5 build/debug.log; else failed=1 && cat build/debug.log; fi
 exit $failed
