@@ -50,7 +50,7 @@ def check_signal(ending: str, n_ranks: int, number: int, pause: float, to_all: b
     assert run.returncode == 75, f"{ending} {n_ranks} {number}: {run.returncode}\n{errors}"
 
 
-for n in range(5):
+for n in (0, 1, 4):
     last = max(n, 1) - 1
     check("done", n, 0)
     check("last_rank_fails", n, 4, f"rank {last} found no solution")

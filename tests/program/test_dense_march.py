@@ -1,6 +1,6 @@
 """A dense structure, marched in its modes: the same bits on any ranks, blocks, interruptions.
 
-Modal damping, which leaves the modes apart, and given and Rayleigh damping, which couple them.
+Modal damping, which leaves the modes apart, and given damping, which couples them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ SCENE = """\
 N_STEPS = 3000
 DAMPINGS = {
     "modal": "damping_ratio = 0.01",
-    "rayleigh": "rayleigh = 0.1, 1e-3",
     "given": "damping_matrix = 'C.mtx'",
 }
 

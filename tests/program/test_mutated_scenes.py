@@ -10,7 +10,7 @@ from tests.conftest import SMALL_SCENE
 
 SEED = 20161121
 SCENE = SMALL_SCENE + 8 * "! a comment, where most of what is changed does no harm\n"
-COUNT = int(os.environ.get("ENTROSLIP_MUTATIONS", "150"))  # of each kind
+COUNT = int(os.environ.get("ENTROSLIP_MUTATIONS", "100"))  # of each kind
 FILES = {
     "s.nml": """\
 &scene title = 'spoilt' seed = 3 /

@@ -165,7 +165,7 @@ def test_completion_in_zsh(line, wanted, others):
     folder = ROOT / "packaging/completions"
     out = run(
         "zsh", "-f", "-c", ZSH_AT_A_TERMINAL, "zsh", folder, line, wanted,
-        cwd=ROOT / "input", timeout=30,
+        cwd=ROOT / "input", timeout=300,
     )  # fmt: skip
     assert not [other for other in others if other in out.replace(line, "")]
 
