@@ -1,5 +1,6 @@
 !> `entroslip estimate`: fits a process to measured values and writes its &process group.
 module driver_estimate
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
    use config_measured, only: read_measured
    use config_plan, only: scene_name
    use core_complaints, only: complaint_list
@@ -89,7 +90,7 @@ contains
    !> Lines with the estimates, their errors, and whether the process explains the values.
    pure function estimates_text(found) result(text)
       type(process_estimate_type), intent(in) :: found
-      character(:), allocatable :: text, lags, note
+      character(:), allocatable :: text, lags, note, value
       integer :: n_lags, m
 
       text = labelled('values', counted(found%n_values, 'value', 'values')//' in '// &
@@ -103,8 +104,10 @@ contains
       n_lags = min(size(found%correlation), found%n_points - 1)   ! a record has no larger ones
       lags = ''
       do m = 1, n_lags
+         value = 'no pairs'
+         if (.not. ieee_is_nan(found%correlation(m))) value = brief(found%correlation(m))
          if (m > 1) lags = lags//', '
-         lags = lags//brief(found%correlation(m))//' ('//brief(found%expected(m))//')'
+         lags = lags//value//' ('//brief(found%expected(m))//')'
       end do
       text = text//labelled('correlation', 'at lags 1 to '//to_text(n_lags)// &
                             ' (of the process): '//lags) &

@@ -103,17 +103,16 @@ def plot_distribution(axes: Axes, records: Records, copies: list[Records]) -> No
 
 
 def correlation_of(records: Records) -> NDArray[np.float64]:
-    """Mean product of standardized values, lags 1 to 8 or as far as a record goes; NaN: no pair."""
-    values = _sorted(records)
+    """Mean product of pairs over their mean square, lags 1 to 8 at most; NaN: no pair."""
     longest = min(_LAGS, max(record.size for record in records) - 1)
-    standardized = [(record - values.mean()) / values.std(ddof=1) for record in records]
+    mean = _sorted(records).mean()
     found = np.full(longest, np.nan)
     for lag in range(1, longest + 1):
-        products = np.concatenate(
-            [row[lag:] * row[: max(row.size - lag, 0)] for row in standardized]
-        )
-        if np.isfinite(products).any():
-            found[lag - 1] = np.nanmean(products)
+        ends = [(row[lag:] - mean, row[:-lag] - mean) for row in records if row.size > lag]
+        x, y = np.concatenate(ends, axis=1)
+        pairs = np.isfinite(x * y)
+        if pairs.any():
+            found[lag - 1] = 2.0 * (x * y)[pairs].sum() / (x**2 + y**2)[pairs].sum()
     return found
 
 

@@ -11,12 +11,12 @@
 !> same estimates from realizations of the fitted process, at the same points, give the errors and
 !> the distributions of the two statistics by which the fit is tested.
 module process_estimate
-   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use core_text, only: brief, counted, to_text
-   use numerics_lapack, only: solve_positive_definite
+   use numerics_lapack, only: multiply, solve_positive_definite, unit_matrix
    use numerics_sorting, only: sort_order
    use numerics_statistics, only: mean_of => mean, standard_deviation
    use process_autoregressive_fit, only: optimal_reflection
@@ -52,17 +52,19 @@ module process_estimate
       real(wp) :: std_of_record_means = 0.0_wp   !! std of the means of the records, if several
       real(wp) :: l0_range(2) = 0.0_wp, l1_range(2) = 0.0_wp   !! [lags]
       real(wp) :: longest = 0.0_wp              !! largest L0 of the trials of this order [lags]
-      real(wp) :: correlation(n_lags_tested) = 0.0_wp   !! correlation of the values, from lag 1
+      !> correlation of the values, from lag 1; NaN without pairs of them
+      real(wp) :: correlation(n_lags_tested) = 0.0_wp
       real(wp) :: expected(n_lags_tested) = 0.0_wp      !! correlation of the process, from lag 1
       real(wp) :: p_correlation = 1.0_wp   !! p-value of the misfit of the correlation
       real(wp) :: p_marginal = 1.0_wp      !! p-value of the distance from a normal law
    end type process_estimate_type
 
-   !> Consecutive measured points of one record, with a correlation matrix of their own.
-   type :: piece_type
-      integer, allocatable :: point(:)   !! (value) along the record
-      integer, allocatable :: row(:)     !! (value) row in the columns of values
-   end type piece_type
+   !> Pieces of records whose points have the same distances, so that they share a correlation
+   !> matrix.
+   type :: piece_group
+      integer, allocatable :: point(:)   !! (value) distance from the first point
+      integer, allocatable :: row(:)     !! (piece) row before its values in the columns of values
+   end type piece_group
 
    !> Candidate. Those of one order stand in ascending order of L0.
    type :: trial_type
@@ -87,22 +89,17 @@ contains
       integer(long), intent(in) :: seed   !! seed of the realizations
       type(process_estimate_type), intent(out) :: estimate
       type(error_type), allocatable, intent(out) :: error
-      type(piece_type), allocatable :: pieces(:)
+      type(piece_group), allocatable :: groups(:)
       type(trial_type), allocatable :: trials(:)
       type(fit_type), allocatable :: fits(:), refits(:)   ! (column)
       real(wp), allocatable :: values(:, :), realizations(:, :)   ! (value, column)
-      integer :: n_lags
 
-      call collect_values(records, values, pieces, n_lags, estimate)
-      if (size(values) < fewest_values) then
-         call raise(error, exit_bad_input, counted(size(values), 'value', 'values')// &
-                    ': an estimate needs '//to_text(fewest_values))
-      else if (.not. maxval(values) > minval(values)) then
-         call raise(error, exit_bad_input, 'all values are '//to_text(values(1, 1))// &
-                    ': they must scatter')
-      end if
-      if (.not. allocated(error)) call list_trials(size(values), n_lags, trials, error)
-      if (.not. allocated(error)) call fit_columns(values, pieces, trials, fits, error)
+      call collect_values(records, values, groups, estimate)
+      call check_values(values(:, 1), error)
+      if (allocated(error)) return
+      call list_trials(size(values, 1), largest_lag(groups), trials, error)
+      if (allocated(error)) return
+      call fit_columns(values, groups, trials, fits, error)
       if (allocated(error)) return
       estimate%process_moments = fits(1)%process_moments
       estimate%longest = maxval(trials%l0, mask=trials%order == fits(1)%order)
@@ -119,24 +116,22 @@ contains
       end if
       allocate (realizations(size(values, 1), n_replicates))
       call draw_realizations(records, estimate%model, seed, realizations)
-      call fit_columns(realizations, pieces, trials, refits, error)
+      call fit_columns(realizations, groups, trials, refits, error)
       if (allocated(error)) return
-      call find_errors(values(:, 1), pieces, fits(1), refits, estimate)
+      call find_errors(values(:, 1), groups, fits(1), refits, estimate)
    end subroutine estimate_process
 
-   !> Collects the values of all records in one column, and their points in pieces.
-   subroutine collect_values(records, values, pieces, n_lags, estimate)
+   !> Collects the values of all records in one column, and their points in groups of pieces.
+   subroutine collect_values(records, values, groups, estimate)
       type(measured_record), intent(in) :: records(:)
       real(wp), allocatable, intent(out) :: values(:, :)   !! (value, 1)
-      type(piece_type), allocatable, intent(out) :: pieces(:)
-      integer, intent(out) :: n_lags   !! largest distance of two points of a piece, or of the tests
+      type(piece_group), allocatable, intent(out) :: groups(:)
       type(process_estimate_type), intent(inout) :: estimate
       real(wp), allocatable :: column(:), means(:)
       integer, allocatable :: measured(:)
       integer :: first, i, k, last
 
-      allocate (pieces(0), column(0), means(0))
-      n_lags = n_lags_tested
+      allocate (groups(0), column(0), means(0))
       do i = 1, size(records)
          associate (value => records(i)%value)
             measured = pack([(k, k=1, size(value))], mask=.not. ieee_is_nan(value))
@@ -145,9 +140,7 @@ contains
          end associate
          do first = 1, size(measured), longest_piece
             last = min(first + longest_piece - 1, size(measured))
-            pieces = [pieces, piece_type(measured(first:last), &
-                                         [(size(column) + k, k=first, last)])]
-            n_lags = max(n_lags, measured(last) - measured(first))
+            call add_piece(measured(first:last) - measured(first), size(column) + first - 1, groups)
          end do
          column = [column, records(i)%value(measured)]
          if (size(measured) > 0) means = [means, mean_of(records(i)%value(measured))]
@@ -157,6 +150,42 @@ contains
       estimate%n_values = size(column)
       values = reshape(column, [size(column), 1])
    end subroutine collect_values
+
+   !> Adds a piece to the group with the same points, or to a new group.
+   pure subroutine add_piece(point, row, groups)
+      integer, intent(in) :: point(:), row   !! as in piece_group
+      type(piece_group), allocatable, intent(inout) :: groups(:)
+      integer :: i
+
+      do i = 1, size(groups)
+         if (size(groups(i)%point) /= size(point)) cycle
+         if (any(groups(i)%point /= point)) cycle
+         groups(i)%row = [groups(i)%row, row]
+         return
+      end do
+      groups = [groups, piece_group(point, [row])]
+   end subroutine add_piece
+
+   pure subroutine check_values(values, error)
+      real(wp), intent(in) :: values(:)
+      type(error_type), allocatable, intent(out) :: error
+
+      if (size(values) < fewest_values) then
+         call raise(error, exit_bad_input, counted(size(values), 'value', 'values')// &
+                    ': an estimate needs '//to_text(fewest_values))
+      else if (.not. maxval(values) > minval(values)) then
+         call raise(error, exit_bad_input, 'all values are '//to_text(values(1))// &
+                    ': they must scatter')
+      end if
+   end subroutine check_values
+
+   !> Largest distance of two points of one piece, but at least the number of tested lags.
+   pure integer function largest_lag(groups)
+      type(piece_group), intent(in) :: groups(:)
+      integer :: i
+
+      largest_lag = max(n_lags_tested, maxval([(maxval(groups(i)%point), i=1, size(groups))]))
+   end function largest_lag
 
    !> Lists the trials: white noise, then every order with L0 from the shortest to the longest,
    !> as long as L1 is at most a third of the number of values. A longer correlation can hardly be
@@ -189,24 +218,21 @@ contains
    end subroutine list_trials
 
    !> Finds the best trial of each column by Eq. (1), and the statistics of its tests.
-   subroutine fit_columns(values, pieces, trials, fits, error)
+   subroutine fit_columns(values, groups, trials, fits, error)
       real(wp), intent(in) :: values(:, :)   !! (value, column)
-      type(piece_type), intent(in) :: pieces(:)
+      type(piece_group), intent(in) :: groups(:)
       type(trial_type), intent(in) :: trials(:)
       type(fit_type), allocatable, intent(out) :: fits(:)   !! (column)
       type(error_type), allocatable, intent(out) :: error
       real(wp), dimension(size(trials), size(values, 2)) :: deviance, mean, variance
-      real(wp) :: correlation(n_lags_tested), residuals(size(values, 1))
-      integer :: best, c, column, n, n_pairs(n_lags_tested)
+      real(wp), dimension(n_lags_tested) :: products, squares
+      real(wp) :: residuals(size(values, 1))
+      integer :: best, column, n_pairs(n_lags_tested)
 
-      n = size(values, 2)
-      do c = 1, size(trials)
-         call find_deviance(values, pieces, trials(c)%correlation, deviance(c, :), &
-                            mean(c, :), variance(c, :), error)
-         if (allocated(error)) return
-      end do
-      allocate (fits(n))
-      do column = 1, n
+      call find_deviances(values, groups, trials, deviance, mean, variance, error)
+      if (allocated(error)) return
+      allocate (fits(size(values, 2)))
+      do column = 1, size(fits)
          best = minloc(deviance(:, column), 1)
          associate (fit => fits(column))
             fit%order = trials(best)%order
@@ -215,24 +241,30 @@ contains
             call refine_lengths(trials, best, deviance(:, column), fit%l0, fit%l1)
             residuals = (values(:, column) - fit%mean)/fit%std
             fit%distance = anderson_darling(residuals)
-            call whiten(pieces, trials(best)%correlation, residuals, error)
+            call whiten(groups, trials(best)%correlation, residuals, error)
             if (allocated(error)) return
-            call correlate(residuals, pieces, correlation, n_pairs)
-            fit%misfit = sum(n_pairs*correlation**2)
+            call correlate(residuals, groups, products, squares, n_pairs)
+            fit%misfit = sum(products**2/max(n_pairs, 1))
          end associate
       end do
    end subroutine fit_columns
 
-   !> Computes -2 ln L of Eq. (1) for each column, with its mean and variance.
-   subroutine find_deviance(values, pieces, correlation, deviance, mean, variance, error)
+   !> Computes -2 ln L of Eq. (1) for each trial and column, with its mean and variance. For many
+   !> pieces y of a group the sum of y' S^-1 y is the trace of S^-1 (sum of y y').
+   subroutine find_deviances(values, groups, trials, deviance, mean, variance, error)
       real(wp), intent(in) :: values(:, :)       !! (value, column)
-      type(piece_type), intent(in) :: pieces(:)
-      real(wp), intent(in) :: correlation(0:)    !! K(m)/K(0)
-      real(wp), intent(out) :: deviance(:), mean(:), variance(:)   !! (column)
+      type(piece_group), intent(in) :: groups(:)
+      type(trial_type), intent(in) :: trials(:)
+      real(wp), intent(out) :: deviance(:, :), mean(:, :), variance(:, :)   !! (trial, column)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: s(:, :), solved(:, :)
-      real(wp) :: ones, ln_det, products(size(mean)), squares(size(mean)), origin
-      integer :: i, k, n
+      real(wp), allocatable :: s(:, :), y(:, :), solved(:, :)
+      real(wp), allocatable :: inverses(:, :), moments(:, :)   ! S^-1 (entry, trial), sum of y y'
+      real(wp), allocatable :: inverse_sums(:, :), value_sums(:, :)   ! S^-1 1, sum of y
+      real(wp), dimension(size(trials), size(values, 2)) :: one_group, products, squares
+      real(wp), dimension(size(trials)) :: ln_det, ones
+      real(wp) :: origin
+      integer :: c, column, i, k, n
+      logical :: are_many
 
       n = size(values, 2)
       origin = values(1, 1)   ! near the mean, against cancellation
@@ -240,42 +272,81 @@ contains
       ln_det = 0.0_wp
       products = 0.0_wp
       squares = 0.0_wp
-      do i = 1, size(pieces)
-         associate (point => pieces(i)%point, y => values(pieces(i)%row, :) - origin)
-            s = reshape([(correlation(abs(point - point(k))), k=1, size(point))], &
-                        [size(point), size(point)])
-            solved = reshape([y, spread(1.0_wp, 1, size(point))], [size(point), n + 1])
-            call solve_positive_definite(s, solved, error)   ! leaves its Cholesky factor in s
-            if (allocated(error)) return
-            ln_det = ln_det + 2.0_wp*sum([(log(s(k, k)), k=1, size(point))])
-            ones = ones + sum(solved(:, n + 1))
-            products = products + sum(solved(:, :n), 1)
-            squares = squares + sum(y*solved(:, :n), 1)
+      do i = 1, size(groups)
+         associate (m => size(groups(i)%point), row => groups(i)%row)
+            allocate (inverse_sums(m, size(trials)), value_sums(m, n), &
+                      inverses(m*m, size(trials)), moments(m*m, n))
+            are_many = size(row)*n > 2*m
+            do column = 1, n
+               y = reshape([(values(row(k) + 1:row(k) + m, column) - origin, k=1, size(row))], &
+                           [m, size(row)])
+               value_sums(:, column) = sum(y, 2)
+               if (are_many) moments(:, column) = reshape(matmul(y, transpose(y)), [m*m])
+            end do
+            y = unit_matrix(m)
+            if (.not. are_many) &
+               y = reshape([((values(row(k) + 1:row(k) + m, column) - origin, k=1, size(row)), &
+                             column=1, n)], [m, size(row)*n])
+            do c = 1, size(trials)
+               s = correlation_matrix(groups(i)%point, trials(c)%correlation)
+               solved = reshape([y, spread(1.0_wp, 1, m)], [m, size(y, 2) + 1])
+               call solve_positive_definite(s, solved, error)   ! leaves its Cholesky factor in s
+               if (allocated(error)) return
+               inverse_sums(:, c) = solved(:, size(solved, 2))
+               ln_det(c) = ln_det(c) + 2.0_wp*size(row)*sum([(log(s(k, k)), k=1, m)])
+               ones(c) = ones(c) + size(row)*sum(inverse_sums(:, c))
+               if (are_many) then
+                  inverses(:, c) = reshape(solved, [m*m])
+               else
+                  squares(c, :) = squares(c, :) + sum(reshape(y*solved(:, :size(y, 2)), &
+                                                              [m*size(row), n]), 1)
+               end if
+            end do
+            call multiply(inverse_sums, value_sums, one_group, transposes_a=.true.)
+            products = products + one_group
+            if (are_many) then
+               call multiply(inverses, moments, one_group, transposes_a=.true.)
+               squares = squares + one_group
+            end if
+            deallocate (inverse_sums, inverses, moments, value_sums)
          end associate
       end do
-      mean = origin + products/ones
-      variance = (squares - products**2/ones)/(size(values, 1) - 1)
-      deviance = (size(values, 1) - 1)*log(variance) + ln_det + log(ones)
-   end subroutine find_deviance
+      mean = origin + products/spread(ones, 2, n)
+      variance = (squares - products**2/spread(ones, 2, n))/(size(values, 1) - 1)
+      deviance = (size(values, 1) - 1)*log(variance) + spread(ln_det + log(ones), 2, n)
+   end subroutine find_deviances
+
+   !> Correlation matrix S (point, point) of the points of a piece.
+   pure function correlation_matrix(point, correlation) result(s)
+      integer, intent(in) :: point(:)
+      real(wp), intent(in) :: correlation(0:)   !! K(m)/K(0)
+      real(wp) :: s(size(point), size(point))
+      integer :: j
+
+      do j = 1, size(point)
+         s(:, j) = correlation(abs(point - point(j)))
+      end do
+   end function correlation_matrix
 
    !> Turns standardized values x into innovations L^-1 x, S = L L', which are uncorrelated and of
    !> variance 1 if x has the correlation S.
-   subroutine whiten(pieces, correlation, x, error)
-      type(piece_type), intent(in) :: pieces(:)
+   subroutine whiten(groups, correlation, x, error)
+      type(piece_group), intent(in) :: groups(:)
       real(wp), intent(in) :: correlation(0:)   !! K(m)/K(0)
       real(wp), intent(inout) :: x(:)           !! (value)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: s(:, :), solved(:, :)
-      integer :: i, j
+      real(wp), allocatable :: s(:, :), solved(:, :)   ! solved: (value, piece)
+      integer :: i, j, k
 
-      do i = 1, size(pieces)
-         associate (point => pieces(i)%point, row => pieces(i)%row)
-            s = reshape([(correlation(abs(point - point(j))), j=1, size(point))], &
-                        [size(point), size(point)])
-            solved = reshape(x(row), [size(point), 1])
+      do i = 1, size(groups)
+         associate (m => size(groups(i)%point), row => groups(i)%row)
+            s = correlation_matrix(groups(i)%point, correlation)
+            solved = reshape([(x(row(k) + 1:row(k) + m), k=1, size(row))], [m, size(row)])
             call solve_positive_definite(s, solved, error)   ! leaves its Cholesky factor in s
             if (allocated(error)) return
-            x(row) = [(dot_product(s(j:, j), solved(j:, 1)), j=1, size(point))]   ! L' S^-1 x
+            do k = 1, size(row)   ! L' S^-1 x
+               x(row(k) + 1:row(k) + m) = [(dot_product(s(j:, j), solved(j:, k)), j=1, m)]
+            end do
          end associate
       end do
    end subroutine whiten
@@ -303,34 +374,37 @@ contains
       l1 = l1*(trials(neighbour)%l1/l1)**abs(shift)
    end subroutine refine_lengths
 
-   !> Computes the mean products of standardized values at lags 1 to n_lags_tested; 0 without pairs.
-   pure subroutine correlate(x, pieces, correlation, n_pairs)
+   !> Computes sums over the pairs of values at lags 1 to n_lags_tested, and the number of pairs.
+   pure subroutine correlate(x, groups, products, squares, n_pairs)
       real(wp), intent(in) :: x(:)   !! (value)
-      type(piece_type), intent(in) :: pieces(:)
-      real(wp), intent(out) :: correlation(n_lags_tested)
+      type(piece_group), intent(in) :: groups(:)
+      real(wp), dimension(n_lags_tested), intent(out) :: products   !! sums of products
+      real(wp), dimension(n_lags_tested), intent(out) :: squares    !! sums of mean squares
       integer, intent(out) :: n_pairs(n_lags_tested)
       integer :: i, j, k, lag
 
-      correlation = 0.0_wp
+      products = 0.0_wp
+      squares = 0.0_wp
       n_pairs = 0
-      do i = 1, size(pieces)
-         associate (point => pieces(i)%point, row => pieces(i)%row)
+      do i = 1, size(groups)
+         associate (point => groups(i)%point, row => groups(i)%row)
             do j = 1, size(point)
                do k = j + 1, size(point)
                   lag = point(k) - point(j)
                   if (lag > n_lags_tested) exit
-                  correlation(lag) = correlation(lag) + x(row(j))*x(row(k))
-                  n_pairs(lag) = n_pairs(lag) + 1
+                  products(lag) = products(lag) + sum(x(row + j)*x(row + k))
+                  squares(lag) = squares(lag) + 0.5_wp*sum(x(row + j)**2 + x(row + k)**2)
+                  n_pairs(lag) = n_pairs(lag) + size(row)
                end do
             end do
          end associate
       end do
-      correlation = correlation/max(n_pairs, 1)
    end subroutine correlate
 
    !> Distance A^2 of the values from a standard normal law (Anderson and Darling, 1952).
-   pure real(wp) function anderson_darling(x) result(distance)
+   pure function anderson_darling(x) result(distance)
       real(wp), intent(in) :: x(:)   !! (value) standardized
+      real(wp) :: distance
       real(wp) :: below(size(x)), above(size(x))   ! ln of the probability below and above
       integer :: i, n
 
@@ -366,30 +440,47 @@ contains
    end subroutine draw_realizations
 
    !> Computes errors, ranges and p-values by the estimates from realizations.
-   subroutine find_errors(values, pieces, fit, refits, estimate)
+   subroutine find_errors(values, groups, fit, refits, estimate)
       real(wp), intent(in) :: values(:)
-      type(piece_type), intent(in) :: pieces(:)
+      type(piece_group), intent(in) :: groups(:)
       type(fit_type), intent(in) :: fit         !! fit to the values
       type(fit_type), intent(in) :: refits(:)   !! fits to the realizations
       type(process_estimate_type), intent(inout) :: estimate
-      integer :: ascending(size(refits)), inner(2), n_kept, unused(n_lags_tested)
+      real(wp), dimension(n_lags_tested) :: products, squares
+      integer :: n_kept, unused(n_lags_tested)
 
       estimate%mean_error = standard_deviation(refits%mean)
       estimate%std_error = standard_deviation(refits%std)
       estimate%l0_error = standard_deviation(refits%l0)
       estimate%l1_error = standard_deviation(refits%l1)
-      inner = nint([0.025_wp, 0.975_wp]*(size(refits) + 1))
-      ascending = sort_order(refits%l0)
-      estimate%l0_range = refits(ascending(inner))%l0
-      ascending = sort_order(refits%l1)
-      estimate%l1_range = refits(ascending(inner))%l1
-      estimate%p_correlation = (1.0_wp + count(refits%misfit >= fit%misfit))/(1 + size(refits))
-      estimate%p_marginal = (1.0_wp + count(refits%distance >= fit%distance))/(1 + size(refits))
-      call correlate((values - mean_of(values))/standard_deviation(values), pieces, &
-                     estimate%correlation, unused)
+      estimate%l0_range = inner_range(refits%l0)
+      estimate%l1_range = inner_range(refits%l1)
+      estimate%p_correlation = p_value(refits%misfit, fit%misfit)
+      estimate%p_marginal = p_value(refits%distance, fit%distance)
+      call correlate(values - mean_of(values), groups, products, squares, unused)
+      estimate%correlation = ieee_value(1.0_wp, ieee_quiet_nan)
+      where (squares > 0.0_wp) estimate%correlation = products/squares   ! 1 at most, of any pairs
       n_kept = min(n_lags_tested, ubound(estimate%model%autocovariance, 1))   ! 0 beyond
       estimate%expected(:n_kept) = estimate%model%autocovariance(1:n_kept) &
                                    /estimate%model%autocovariance(0)
    end subroutine find_errors
+
+   !> Range of the inner 95 % of the values.
+   pure function inner_range(values) result(range)
+      real(wp), intent(in) :: values(:)
+      real(wp) :: range(2)
+      integer :: order(size(values)), n
+
+      n = size(values)
+      order = sort_order(values)
+      range = values(order([nint(0.025_wp*(n + 1)), nint(0.975_wp*(n + 1))]))
+   end function inner_range
+
+   !> p-value of a statistic by its values in realizations, (1 + number above)/(1 + number).
+   pure real(wp) function p_value(values, limit)
+      real(wp), intent(in) :: values(:), limit
+
+      p_value = (1.0_wp + count(values >= limit))/(1.0_wp + size(values))
+   end function p_value
 
 end module process_estimate

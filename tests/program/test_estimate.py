@@ -60,6 +60,15 @@ def test_correlations_end_with_the_longest_record(entroslip, data):
     assert "at lags 1 to 4 (of the process)" in entroslip("estimate", data).stdout
 
 
+def test_a_correlation_of_few_pairs_is_at_most_one(entroslip, data):
+    data.write_text("0.9 nan nan 0.95\n" + "0.3 nan\n0.2 nan\n0.25 nan\n" * 4)
+    said = " ".join(entroslip("estimate", data).stdout.split())
+    correlations = said.split("(of the process): ")[1]
+    assert correlations.startswith("no pairs (")
+    third = float(re.search(r"no pairs \S+, ([\d.]+) \(", correlations)[1])
+    assert 0.99 < third <= 1.0
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -106,8 +115,8 @@ def test_values_that_differ_from_line_to_line_are_noted_with_their_scatter(entro
     std = f"{means.std(ddof=1):.3g}"
     assert f"only from line to line (correlation_length = 1e12, std = {std})" in said
     first = float(re.search(r"\(of the process\): ([\d.]+) ", said)[1])
-    row = (values - values.mean()) / values.std(ddof=1)
-    assert first == pytest.approx((row[:, 1:] * row[:, :-1]).mean(), rel=5e-3)
+    x, y = values[:, 1:] - values.mean(), values[:, :-1] - values.mean()
+    assert first == pytest.approx((x * y).sum() / (0.5 * (x**2 + y**2).sum()), rel=5e-3)
 
 
 def test_a_file_that_is_there_is_left_alone(entroslip, data):
