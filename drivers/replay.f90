@@ -73,7 +73,8 @@ contains
       call output%end_run(exit_done)
    end subroutine replay
 
-   !> Refuses a case or sample that the campaign does not have.
+   !> Refuses a case or sample that the campaign does not have. With accuracy%sample_until_met it
+   !> may have any sample.
    subroutine check_sample(line, plan, error)
       type(command_line), intent(in) :: line
       type(plan_type), intent(in) :: plan
@@ -82,7 +83,8 @@ contains
       if (line%case_number > size(plan%cases)) then
          call raise(error, exit_bad_input, '--case '//to_text(line%case_number)// &
                     ': the scene has '//counted(size(plan%cases), 'case', 'cases'))
-      else if (line%sample > plan%cases(line%case_number)%n_samples) then
+      else if (line%sample > plan%cases(line%case_number)%n_samples .and. &
+               .not. plan%accuracy%sample_until_met) then
          call raise(error, exit_bad_input, '--sample '//to_text(line%sample)//': case '// &
                     to_text(line%case_number)//' has '// &
                     counted(plan%cases(line%case_number)%n_samples, 'sample', 'samples'))

@@ -53,6 +53,13 @@ def test_sampling_goes_on_until_the_target_is_met(entroslip, scene, tmp_path):
         assert reached[0] != reached[1]
     assert "nothing to do" in entroslip("run", scene, "--output", "a.h5").stdout
 
+    added = ("--case", 3, "--sample", reached[0], "--output", "one.h5")
+    done = entroslip("replay", scene, *added)
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "a.h5") as file, h5py.File(tmp_path / "one.h5") as replay:
+        last, same = (f["campaign/c003/slip_starts"][-1] for f in (file, replay))
+        assert last.tobytes() == same.tobytes()
+
     some = entroslip("run", scene, "--output", "b.h5", "--set", "accuracy%sample_until_met=.false.")
     assert some.returncode == 4
     assert "target_statistical = 0.6: case 3 has" in some.stderr
