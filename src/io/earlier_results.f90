@@ -7,7 +7,7 @@ module io_earlier_results
    use core_kinds, only: wp
    use core_source, only: is_hdf5_file
    use io_contents, only: check_contents
-   use io_files, only: exists
+   use io_files, only: exists, file_size
    use io_group, only: group_type
    use io_hdf5, only: hdf5_file, hdf5_object, open_hdf5
    use io_identity, only: identity_type, refuse_foreign, require_command, require_same
@@ -17,6 +17,10 @@ module io_earlier_results
    private
    public :: check_replaceable, inspect_results, stored_in_results
    public :: case_errors, read_errors
+
+   !> End of an error of a damaged file.
+   character(*), parameter :: advice = ': put a sound copy in its place, or discard it with '// &
+                              '--fresh and compute its samples again'
 
    !> Stated errors of one case. The statistics are those of mean slip fractions, if the file has
    !> them.
@@ -39,23 +43,44 @@ contains
    subroutine check_replaceable(path, command, takes_damaged, error)
       character(*), intent(in) :: path
       character(*), intent(in) :: command        !! 'run', 'replay' or 'tradeoff'
-      logical, intent(in) :: takes_damaged       !! accepts an HDF5 file that cannot be opened
+      logical, intent(in) :: takes_damaged       !! accepts what is left of a damaged results file
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
+      logical :: is_remainder
 
       if (.not. exists(path)) return
+      is_remainder = is_damaged(path)   ! if it cannot be opened
       if (.not. is_hdf5_file(path)) then
-         call refuse_foreign(path, error)
+         if (.not. (takes_damaged .and. is_remainder)) call refuse_foreign(path, error)
          return
       end if
       call open_hdf5(path, file, error)
       if (.not. allocated(error)) then
          call require_command(file, command, error)
          call file%abandon()
-      else if (takes_damaged) then
+      else if (takes_damaged .and. is_remainder) then
          deallocate (error)
       end if
    end subroutine check_replaceable
+
+   !> True if a file that HDF5 cannot open may be what a full disk has kept of a results file: its
+   !> beginning, or nothing. A terminal or /dev/null, which is empty too, is not.
+   logical function is_damaged(path)
+      character(*), intent(in) :: path
+      character(9) :: beginning   ! HDF5's signature, and the version of its format: 3 in results
+      character(8) :: is_direct   ! 'NO' for character devices
+      integer :: status, unit
+
+      inquire (file=path, direct=is_direct)
+      is_damaged = file_size(path) == 0 .and. is_direct /= 'NO'
+      if (.not. is_hdf5_file(path)) return
+      open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
+            iostat=status)
+      if (status /= 0) return
+      read (unit, iostat=status) beginning
+      if (status == 0) is_damaged = beginning(9:) == achar(3)
+      close (unit)
+   end function is_damaged
 
    !> Finds the numbers of samples of the cases, then of their audits, in a results file. Reads the
    !> whole file; refuses one of another scene or program, and a damaged one.
@@ -72,12 +97,14 @@ contains
 
       if (.not. exists(path)) return
       call open_hdf5(path, file, error)
-      if (allocated(error)) return
+      if (allocated(error)) then
+         if (is_damaged(path)) error%message = error%message//advice
+         return
+      end if
       call require_same(file, identity, error)
       if (.not. allocated(error)) then
          call check_contents(file, error)
-         if (allocated(error)) error%message = error%message//': put a sound copy in its '// &
-                                'place, or discard it with --fresh and compute its samples again'
+         if (allocated(error)) error%message = error%message//advice
       end if
       n_cases = 0
       do while (.not. allocated(error))

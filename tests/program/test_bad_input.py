@@ -195,6 +195,22 @@ def test_nothing_but_its_own_earlier_output_is_replaced(entroslip, tmp_path):
     assert entroslip("run", scene, "--output=run.h5", "--fresh").returncode == 0
 
 
+def test_fresh_replaces_what_a_full_disk_left_and_nothing_else(entroslip, tmp_path):
+    (tmp_path / "p.nml").write_text("&process correlation_length = 1 order = 1 mean = 2 std = 1 /")
+    run = ("run", "p.nml", "--output")
+    assert entroslip(*run, "whole.h5").returncode == 0
+    half = (tmp_path / "whole.h5").read_bytes()[:4000]
+    foreign = half[:8] + b"\0" + half[9:]  # an older format of HDF5, which most programs write
+    for content, is_replaced in ((b"", True), (half, True), (foreign, False), (b"x", False)):
+        (tmp_path / "r.h5").write_bytes(content)
+        plain = entroslip(*run, "r.h5")
+        assert plain.returncode == 3
+        assert ("discard it with --fresh" in plain.stderr) == is_replaced
+        assert (tmp_path / "r.h5").read_bytes() == content
+        assert (entroslip(*run, "r.h5", "--fresh").returncode == 0) == is_replaced
+    assert (tmp_path / "r.h5").read_bytes() == b"x"
+
+
 def test_a_scene_without_samples_has_nothing_to_share(entroslip, tmp_path):
     scene = "&process correlation_length = 1.0 order = 2 mean = 0.2 std = 0.067 /\n"
     (tmp_path / "p.nml").write_text(scene)
