@@ -22,10 +22,11 @@ from ..processes import (
     scale_of,
 )
 from ..results import Results
-from . import process_figures
+from . import process_figures, style
 from .figure import SECTIONS, Figure
 
 _PROCESSES = SECTIONS[0]
+_MOST_REALIZED = 4  # processes with a figure of their realizations
 
 
 def of_processes(results: Results) -> Iterator[Figure]:
@@ -78,13 +79,25 @@ def of_processes(results: Results) -> Iterator[Figure]:
         )  # fmt: skip
     refused = [p for p in processes if p.attrs["status"] == "infeasible"]
     yield from _positive(solved, asked, refused)
-    for name, process in results.processes.items():
-        if "realizations" in process:
-            yield Figure(
-                f"realizations_{name}", f"Realizations of process {name}",
-                "The first of the realizations that the scene asked for, and the mean.",
-                _PROCESSES, (partial(process_figures.plot_realizations, process=process),),
-            )  # fmt: skip
+    yield from _realizations(results)
+
+
+def _realizations(results: Results) -> Iterator[Figure]:
+    """A figure of each process with realizations; of many processes some that look different."""
+    drawn = {name: p for name, p in results.processes.items() if "realizations" in p}
+    shown, some = list(drawn), ""
+    if len(drawn) > _MOST_REALIZED:
+        last = {(imposed_lengths(p.attrs), is_positive(p)): name for name, p in drawn.items()}
+        shown = style.some_of(list(last.values()), _MOST_REALIZED)
+        some = f" {len(shown)} of {len(drawn)} processes, of different length or sign."
+    for name in shown:
+        process = drawn[name]
+        yield Figure(
+            f"realizations_{name}",
+            f"Realizations of process {name}, {imposed_lengths(process.attrs)}",
+            f"The first of the realizations that the scene asked for, and the mean.{some}",
+            _PROCESSES, (partial(process_figures.plot_realizations, process=process),),
+        )  # fmt: skip
 
 
 def _positive(

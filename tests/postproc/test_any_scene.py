@@ -32,6 +32,12 @@ SCENES = {
         "&process correlation_length = 1.0 order = 3 mean = 1.0 std = 0.2 n_realizations = 2 /\n",
         {"positive", "realizations_p001"},
     ),
+    "realizations of many": (
+        "&process correlation_length = 0.1, 0.2, 0.3, 0.4, 0.5 order = 1, 2 pairing = 'product'"
+        " mean = 1.0 std = 0.2 positive = .false. n_realizations = 2 /\n",
+        {"fig_02a", "fig_02a_0.2", "fig_02a_0.3", "fig_02a_0.4", "fig_02a_0.5", "fig_03", "fig_04",
+         "realizations_p002", "realizations_p004", "realizations_p008", "realizations_p010"},
+    ),
     "a realization of one point": (
         "&process correlation_length = 0.0 mean = 1.0 std = 0.2 n_points = 1"
         " n_realizations = 2 /\n",
