@@ -156,16 +156,11 @@ contains
          case ('file')
             text = excitation%file
          case ('psd')
-            text = 'noise of a given spectrum from '//brief(excitation%density(1, 1))//' to '// &
-                   brief(excitation%density(1, size(excitation%density, 2)))//' Hz'
+            text = 'noise of a given spectrum, '//range_text(excitation%density(1, :))//' Hz'
          case ('sine')
-            associate (least => minval(plan%cases%frequency), most => maxval(plan%cases%frequency))
-               text = 'sine of '//brief(least)//' Hz'
-               if (most > least) text = 'sines from '//brief(least)//' to '//brief(most)//' Hz'
-            end associate
+            text = 'sine, '//range_text(plan%cases%frequency)//' Hz'
          case default
-            text = 'noise from '//brief(excitation%band(1))//' to '//brief(excitation%band(2))// &
-                   ' Hz'
+            text = 'noise, '//range_text(excitation%band)//' Hz'
          end select
       end associate
    end function force_text
@@ -293,19 +288,26 @@ contains
       end associate
    end function load_text
 
-   !> Text on the friction of the deterministic cases and the value of the scene it comes from.
+   !> Text on the friction of the deterministic cases, where it comes from, and other means.
    pure function friction_text(plan) result(text)
       type(plan_type), intent(in) :: plan
       character(:), allocatable :: text
 
-      associate (least => minval(plan%friction), most => maxval(plan%friction))
-         text = brief(least)
-         if (most > least) text = text//' to '//brief(most)
-         text = text//' in deterministic cases, from '//plan%friction_from
-         if (any(abs(plan%processes%mean - least) > 5.0e-3_wp*least)) &   ! three digits are shown
-            text = text//', where process%mean is '//brief(plan%processes(1)%mean)
+      associate (least => minval(plan%friction), means => plan%processes%mean)
+         text = range_text(plan%friction)//' in deterministic cases, from '//plan%friction_from
+         if (any(abs(means - least) > 5.0e-3_wp*least)) &   ! three digits are shown
+            text = text//', where process%mean is '//range_text(means)
       end associate
    end function friction_text
+
+   !> Least and largest of some values, or the one value that all have.
+   pure function range_text(values) result(text)
+      real(wp), intent(in) :: values(:)
+      character(:), allocatable :: text
+
+      text = brief(minval(values))
+      if (maxval(values) > minval(values)) text = text//' to '//brief(maxval(values))
+   end function range_text
 
    !> Text on the regressions: number of pools of each size, their samples and cases, and the time.
    pure function estimates_text(plan, seconds, n_ranks) result(text)

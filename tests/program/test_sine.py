@@ -55,8 +55,8 @@ def test_the_fewest_steps_of_a_long_period_are_enough(entroslip, tmp_path):
 def test_the_force_is_stated(entroslip, tmp_path):
     (tmp_path / "s.nml").write_text(SINES)
     one = ("--set", "excitation%frequency=1.2")
-    assert "force        sines from 0.8 to 1.2 Hz " in entroslip("check", "s.nml").stdout
-    assert "force        sine of 1.2 Hz " in entroslip("check", "s.nml", *one).stdout
+    assert "force        sine, 0.8 to 1.2 Hz " in entroslip("check", "s.nml").stdout
+    assert "force        sine, 1.2 Hz " in entroslip("check", "s.nml", *one).stdout
 
 
 def test_the_order_of_sines_is_stated(entroslip, tmp_path):
