@@ -22,7 +22,7 @@ from ..processes import (
 )  # fmt: skip
 from . import style
 
-MOST_CURVES = 8  # in one figure; of more orders only the even ones are drawn
+MOST_CURVES = 8  # in one figure
 MOST_REALIZATIONS = 3  # drawn
 _ORDER = 1  # its place among the facts of a process
 _ZERO = 1.0e-9  # of an autocovariance, relative to the variance: exact to 1e-8 and better
@@ -35,16 +35,11 @@ def plot_autocovariances(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     Open marks where it is negative; lags at which it is zero are named. The direct method (Eq. 11)
     constrains lags up to m_max alone: those beyond are pale.
     """
-    orders = sorted({order_of(process) for process in processes})
-    if len(orders) > MOST_CURVES:
-        orders = [order for order in orders if order % 2 == 0]
-    for process in sorted(processes, key=order_of):
+    for rank, process in enumerate(sorted(processes, key=order_of)):
         order = order_of(process)
-        if order not in orders:
-            continue
         curve = process["autocovariance"].isel(lag=slice(0, LONGEST_LAG + 1))
         size = abs(curve).where(abs(curve) > _ZERO * curve[0])
-        look = style.of_rank(orders.index(order), len(orders))
+        look = style.of_rank(rank, len(processes))
         is_direct = process.attrs["method"] == "direct"
         own = size.isel(lag=slice(0, order + 1)) if is_direct else size
         axes.semilogy(own["lag"], own, label=f"{order}{_zeros(size)}", **look)
@@ -68,12 +63,16 @@ def _zeros(size: xr.DataArray) -> str:
 
 
 def plot_entropies(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
-    """Fig. 3: entropy per point over the order, with that of white noise (Eq. 42)."""
+    """Fig. 3: entropy per point over the order, with that of white noise (Eq. 42).
+
+    All at the std of the first process: another one adds the logarithm of their ratio.
+    """
     bound = float(processes[0]["entropy_bound"])
-    axes.axhline(bound, color="0.3", linewidth=0.9, zorder=0, label="$S_{max}$, Eq. 42")
+    name = f"$S_{{max}}$, Eq. 42, std {scale_of(processes[0])[1]:g}"
+    axes.axhline(bound, color="0.3", linewidth=0.9, zorder=0, label=name)
     for curve, look, label in _by_length(processes):
-        axes.plot([order_of(p) for p in curve], [float(p["entropy"]) for p in curve],
-                  label=label, **look)  # fmt: skip
+        entropies = [bound + float(p["entropy"] - p["entropy_bound"]) for p in curve]
+        axes.plot([order_of(p) for p in curve], entropies, label=label, **look)
     _frame_orders(axes)
     axes.set_ylabel("entropy per point [nat]")
     axes.legend(ncols=2)

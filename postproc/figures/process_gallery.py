@@ -40,9 +40,11 @@ def of_processes(results: Results) -> Iterator[Figure]:
     free = [p for p in all_free if scale_of(p) == first[kind_of(p)]]
     omitted = " Other means and stds change the scale alone." if len(free) < len(all_free) else ""
     asked = [p for p in free if int(p.attrs["order"]) > 0]
-    regressive = [p for p in asked if p.attrs["method"] == "autoregressive"]
+    of_both = [p for p in asked if p.attrs["correlation"] == "both"]
+    of_one = [p for p in asked if p.attrs["correlation"] != "both"]
+    regressive = [p for p in of_one if p.attrs["method"] == "autoregressive"]
     for number, method, family in (
-        (1, "direct method", [p for p in asked if p.attrs["method"] == "direct"]),
+        (1, "direct method", [p for p in of_one if p.attrs["method"] == "direct"]),
         (2, "autoregressive", regressive),
     ):
         for name, length, panel in _length_panels(family):
@@ -73,10 +75,12 @@ def of_processes(results: Results) -> Iterator[Figure]:
     if chosen:
         yield Figure(
             "fig_05", "Fig. 5. One length imposed, the other bounded",
-            "The bound picks the order: with L0 imposed the largest that keeps L1 below it, with L1"
-            " imposed the largest that keeps L0 above it.",
+            "In the legend: the length imposed, the bounds on the other one, and the order that"
+            " follows from them.",
             _PROCESSES, (partial(process_figures.plot_chosen_orders, processes=chosen),),
         )  # fmt: skip
+    if of_both:
+        yield _each("both_lengths", "Autocovariances of processes of both lengths", of_both)
     refused = [p for p in processes if p.attrs["status"] == "infeasible"]
     yield from _positive(solved, asked, refused)
     yield from _realizations(results)
@@ -113,11 +117,7 @@ def _positive(
     )  # L0 = 3 of order 10 first, as the paper
     twins = {kind_of(p): p for p in asked}
     if not set(kinds) <= set(twins):
-        yield Figure(
-            "positive", "Autocovariances of positive processes",
-            f"Over the variance, {_how_many(len(positive), process_figures.MOST_CURVES)}.",
-            _PROCESSES, (partial(process_figures.plot_each, processes=positive),),
-        )  # fmt: skip
+        yield _each("positive", "Autocovariances of positive processes", positive)
         return
     for kind in kinds:
         own = [p for p in positive if kind_of(p) == kind]
@@ -175,11 +175,10 @@ def _laws(positive: list[xr.Dataset]) -> str:
 
 def _shape_of_covariances(panel: list[xr.Dataset]) -> str:
     """Change of the curves of one length with the order and with the lag, in numbers."""
-    ordered = sorted(panel, key=order_of)
-    orders = [order_of(process) for process in ordered]
+    orders = [order_of(process) for process in panel]
     sizes = [
         abs(process["autocovariance"].values[1 : order + 1])
-        for process, order in zip(ordered, orders, strict=True)
+        for process, order in zip(panel, orders, strict=True)
     ]
     name = "m_max" if panel[0].attrs["method"] == "direct" else "order"
     first = f"goes from {sizes[0].max():.3g} at {name} {orders[0]} to" if len(orders) > 1 else "is"
@@ -199,8 +198,14 @@ def _shape_of_covariances(panel: list[xr.Dataset]) -> str:
     return said
 
 
-def _how_many(count: int, most: int) -> str:
-    return "all that were solved" if count <= most else f"{most} of the {count} that were solved"
+def _each(name: str, title: str, processes: list[xr.Dataset]) -> Figure:
+    """A curve for each process, or for as many as can be told apart."""
+    count, most = len(processes), process_figures.MOST_CURVES
+    drawn = "all" if count <= most else f"{most} of the {count}"
+    return Figure(
+        name, title, f"Over the variance, {drawn} that were solved.",
+        _PROCESSES, (partial(process_figures.plot_each, processes=processes),),
+    )  # fmt: skip
 
 
 def _length_panels(processes: list[xr.Dataset]) -> Iterator[tuple[str, str, list[xr.Dataset]]]:
@@ -217,4 +222,14 @@ def _length_panels(processes: list[xr.Dataset]) -> Iterator[tuple[str, str, list
             ]  # fmt: skip
             if panel:
                 suffix = "" if length == lengths[0] else f"_{length:g}"
-                yield letter + suffix, f"{definition} = {length:g}", panel
+                yield letter + suffix, f"{definition} = {length:g}", _some_orders(panel)
+
+
+def _some_orders(panel: list[xr.Dataset]) -> list[xr.Dataset]:
+    """All by ascending order; of more than can be told apart the even ones if most are even."""
+    ascending = sorted(panel, key=order_of)
+    if len(panel) <= process_figures.MOST_CURVES:
+        return ascending
+    even = [process for process in ascending if order_of(process) % 2 == 0]
+    drawn = even if 2 * len(even) > len(panel) else ascending
+    return style.some_of(drawn, process_figures.MOST_CURVES)

@@ -60,6 +60,40 @@ def test_captions_of_covariances_are_measured():
     assert "constant in the lag" in caption
 
 
+@pytest.mark.parametrize(
+    ("orders", "shown"),
+    [
+        ((1, 2, 3, 4, 5, 6, 7, 8, 10), ["2", "4", "6", "8", "10"]),
+        (range(1, 19, 2), ["1", "3", "5", "7", "11", "13", "15", "17"]),
+    ],
+    ids=["most even", "all odd"],
+)
+def test_of_many_orders_some_are_drawn_and_the_caption_is_of_these(axes, orders, shown):
+    figure = figures_of(*(process(0.3, order) for order in orders))["fig_01a"]
+    figure.panels[0](axes)
+    assert drawn(axes) == shown
+    assert f"at m_max {shown[0]} to 0.5 at m_max {shown[-1]}," in figure.caption
+
+
+def test_entropies_of_several_stds_are_drawn_at_one(axes):
+    """Curves of the smaller std lay far below the line of white noise of the larger."""
+    smaller = process(0.3, 2, method="autoregressive", correlation="L1", std=0.1)
+    smaller["entropy"] -= np.log(10.0)
+    smaller["entropy_bound"] -= np.log(10.0)
+    process_figures.plot_entropies(axes, [process(0.3, 2, method="autoregressive"), smaller])
+    assert [line.get_ydata()[0] for line in axes.lines] == pytest.approx([1.4189, 1.3, 1.3])
+    assert drawn(axes)[0] == "$S_{max}$, Eq. 42, std 1"
+
+
+def test_processes_of_both_lengths_have_a_figure_of_their_own(axes):
+    """Figs. 3 and 4 have no curve for them: drawing these failed."""
+    of_both = {"method": "autoregressive", "correlation": "both", "second_length": 2.0}
+    found = figures_of(*(process(1.0, order, **of_both) for order in (6, 8)))
+    assert list(found) == ["both_lengths"]
+    found["both_lengths"].panels[0](axes)
+    assert drawn(axes) == ["order 6", "order 8"]
+
+
 def test_a_range_of_the_other_length_is_named(axes):
     bounds = {"correlation": "L1", "bound_l0": 0.3, "upper_bound": 0.5}
     process_figures.plot_chosen_orders(axes, [process(0.7, 3, method="autoregressive", **bounds)])
