@@ -171,10 +171,10 @@ def _solved(results: Results) -> list[xr.Dataset]:
 
 
 def _asked(results: Results) -> list[xr.Dataset]:
-    """Solved processes without sign constraint whose order was given, ascending in it."""
+    """Solved processes of one length without sign constraint, ascending in the order given."""
     found = [
         p for p in _solved(results)
-        if not is_positive(p) and int(p.attrs["order"]) > 0
+        if not is_positive(p) and int(p.attrs["order"]) > 0 and p.attrs["correlation"] != "both"
     ]  # fmt: skip
     return sorted(found, key=order_of)
 

@@ -34,6 +34,11 @@ def family(curve=lambda order: 0.5**LAGS, correlation="L0", lengths=(0.3, 1.0, 3
     return made
 
 
+def test_processes_of_both_lengths_are_none_of_the_paper():
+    """S4 was undecided on them, as their L0 does not fall."""
+    assert assess([file_of(*family(correlation="both", lengths=(1.0,)))]) == []
+
+
 @pytest.mark.parametrize(("sign", "verdict"), [(-1.0, YES), (1.0, NO)])
 def test_towards_white_noise(sign, verdict):
     def curve(order):
