@@ -63,10 +63,7 @@ def plot_equivalent(
         look = style.of_rank(rank, len(sweeps)) | {"linestyle": "none"}
         if np.isfinite(values).any():
             axes.plot(mode.amplitude, values, label=sweep.level, alpha=0.7, **look)
-    label = {
-        "stiffness": "modal stiffness / stuck",
-        "damping": "damping ratio",
-    }[name]
+    label = {"stiffness": "modal stiffness / stuck", "damping": "damping ratio"}[name]
     axes.set_xscale("log")
     style.label_logarithmic(axes.xaxis)
     axes.set(xlabel="amplitude of the forced point at resonance [m]", ylabel=label, ylim=(0, None))

@@ -228,8 +228,7 @@ def _length_panels(processes: list[xr.Dataset]) -> Iterator[tuple[str, str, list
 def _some_orders(panel: list[xr.Dataset]) -> list[xr.Dataset]:
     """All by ascending order; of more than can be told apart the even ones if most are even."""
     ascending = sorted(panel, key=order_of)
-    if len(panel) <= process_figures.MOST_CURVES:
-        return ascending
     even = [process for process in ascending if order_of(process) % 2 == 0]
-    drawn = even if 2 * len(even) > len(panel) else ascending
-    return style.some_of(drawn, process_figures.MOST_CURVES)
+    if 2 * len(even) > len(panel) > process_figures.MOST_CURVES:
+        ascending = even
+    return style.some_of(ascending, process_figures.MOST_CURVES)

@@ -10,6 +10,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.patheffects import withStroke
+from matplotlib.text import Annotation
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
@@ -29,6 +30,7 @@ _DECADES = 7.0  # drawn of a spectrum
 _MOST_MODES = 20  # marked; more would hide the curves
 _MOST_NUMBERED = 6  # marks of a case
 _MEET = 25.0  # [pixels] between marks that share a number
+_TOUCH = 12.0  # [pixels] between marks whose numbers would cover each other
 _SLIP_AXIS = "mean time in slip [%]"
 
 
@@ -187,18 +189,23 @@ def _plot_plain(axes: Axes, x: xr.DataArray, y: xr.DataArray, look: style.Look) 
 
 def _number(axes: Axes, marks: Sequence[_Marks]) -> None:
     """Numbers of joints at their marks, as many as can be read; once where marks meet."""
-    placed: list[tuple[int, NDArray[np.float64]]] = []
+    placed: list[tuple[int, NDArray[np.float64], Annotation]] = []
     for x, y, colour in marks:
         pixels = axes.transData.transform(np.column_stack([x, y]))
         for joint in style.some_of(range(1, x.size + 1), _MOST_NUMBERED):
             here = pixels[joint - 1]
-            if any(joint == other and np.hypot(*(here - at)) < _MEET for other, at in placed):
+            apart = [(np.hypot(*(here - at)), other, name) for other, at, name in placed]
+            if any(joint == other and distance < _MEET for distance, other, _ in apart):
                 continue
-            placed.append((joint, here))
-            axes.annotate(
-                str(joint), (x[joint - 1], y[joint - 1]), (5, 4), textcoords="offset points",
-                fontsize=7.5, color=colour if len(marks) == 1 else "0.2",
-            )  # fmt: skip
+            name = next((name for distance, _, name in apart if distance < _TOUCH), None)
+            if name is None:
+                name = axes.annotate(
+                    str(joint), (x[joint - 1], y[joint - 1]), (5, 4), textcoords="offset points",
+                    fontsize=7.5, color=colour if len(marks) == 1 else "0.2",
+                )  # fmt: skip
+            else:
+                name.set_text(f"{name.get_text()}, {joint}")
+            placed.append((joint, here, name))
 
 
 def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:

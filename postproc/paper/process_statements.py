@@ -132,9 +132,7 @@ def order_six(results: Results) -> Statement:
 def positive_processes(results: Results) -> Statement:
     """Largest difference over lags from the process without sign constraint, of the paper's law."""
     solved = _solved(results)
-    free = {
-        kind_of(p): p for p in solved if not is_positive(p)
-    }  # fmt: skip
+    free = {kind_of(p): p for p in solved if not is_positive(p)}
     findings = []
     for process in filter(is_positive, solved):
         twin = free.get(kind_of(process))

@@ -186,11 +186,20 @@ def test_a_scatter_names_lengths_and_oscillators(axes):
     for name in ("slip_mean", "slip_std", "slip_mean_error", "slip_std_error"):
         case.data[name] = ("joint", np.array([0.1, 0.2, 0.3]))
     study_figures.plot_slip_scatter(axes, [case])
-    assert {"1", "2", "3"} <= {text.get_text() for text in axes.texts}
+    assert [text.get_text() for text in axes.texts] == ["1", "2", "3"]
     assert drawn(axes)[0].startswith("$L_0$ = ")
     assert axes.get_xlabel().endswith("[%]")
     assert axes.get_ylabel().endswith("[%]")
     assert AXES["fig_09"][1] == 80.0
+
+
+def test_marks_that_touch_have_their_numbers_side_by_side(axes):
+    """Joints 1 and 2 were read as joint 12."""
+    case = case_of("c001", "p001", np.full((2, 3), 0.3), np.ones((2, FREQUENCY.size, 3)))
+    for name in ("slip_mean", "slip_std", "slip_mean_error", "slip_std_error"):
+        case.data[name] = ("joint", np.array([0.1, 0.101, 0.3]))
+    study_figures.plot_slip_scatter(axes, [case])
+    assert [text.get_text() for text in axes.texts] == ["1, 2", "3"]
 
 
 @pytest.mark.parametrize("forced", [1, 2, 11, 15, 19, 20])
