@@ -323,8 +323,7 @@ def _draw_spectra(pair: Pair, axes: Axes) -> None:
     for dof in some_of([dof for dof in pair.before.kept_dofs if dof in pair.after.kept_dofs]):
         first, second = (values[:, :kept, dof - 1] for values in (before, after))
         means = first.mean(axis=0), second.mean(axis=0)
-        per_sample = [values / mean for values, mean in zip((first, second), means, strict=True)]
-        one, other = per_sample
+        one, other = first / means[0], second / means[1]
         change = _change(np.log(means[0]), np.log(means[1]), one, other, pair.is_paired)
         look = line_of_dof(dof, n_dof)
         axes.plot(frequency[:kept], np.exp(change.change), label=f"dof {dof}", **look)

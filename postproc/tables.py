@@ -150,7 +150,8 @@ def table_slip(results: Results) -> Table:
             rows.append((f"{name}, paper", *(f"{p:d}" for p in paper)))
             rows += _with_random_friction(results, case.variance)
             beside.append(f" At {name}: {beside_paper(100.0 * slip, 100.0 * error, paper)}.")
-    note = f"{_friction(cases)} {_ERRORS} They are those of the time average over one force record"
+    note = f"{cases[0].given_friction.capitalize()}. {_ERRORS}"
+    note += " They are those of the time average over one force record"
     note += ", and of the samples too where friction is random." if beside else "."
     if beside:
         note += (
@@ -164,11 +165,6 @@ def table_slip(results: Results) -> Table:
         title = "Time in slip, deterministic friction [%]"
         return Table("slip", title, header, body, note, is_long, is_result=True)
     return Table("table_2", "Table 2. Time in slip [%]", header, body, note)
-
-
-def _friction(cases: Sequence[Case]) -> str:
-    """Sentence on the friction of deterministic cases, the same in all cases of a scene."""
-    return f"{cases[0].given_friction.capitalize()}."
 
 
 def _with_random_friction(results: Results, variance: float) -> list[tuple[str, ...]]:

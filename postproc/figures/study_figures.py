@@ -299,7 +299,7 @@ def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> N
     values = []
     for rank, case in enumerate(chosen):
         density = case.data["psd"].isel(sample=0, dof=case.kept_dofs[0] - 1)
-        spectrum = density / _power_of_force(case)
+        spectrum = density / (case.variance or case.strength**2)
         look = style.of_rank(rank, len(chosen)) | {"marker": "none"}
         axes.semilogy(spectrum["frequency"], spectrum, label=looks.level_name(case), **look)
         values.append(spectrum.values)
@@ -317,11 +317,6 @@ def force_axis(case: Case) -> str:
     if not case.variance:
         return "factor of the force"
     return "variance of the " + ("ground [m²/s⁴]" if case.is_base else "force [N²]")
-
-
-def _power_of_force(case: Case) -> float:
-    """Divisor of the spectra of a sweep."""
-    return case.variance or case.strength**2
 
 
 def _mark_chain(axes: Axes, results: Results) -> None:
