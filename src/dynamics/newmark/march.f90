@@ -74,7 +74,7 @@ contains
                     ': must be 0 to '//to_text(most_halvings))
       else if (.not. gamma >= 0.5_wp) then
          call raise(error, exit_bad_input, 'integration%gamma = '//to_text(gamma)// &
-                    ': must be 0.5 or rest, the scheme is unstable below')
+                    ': must be 0.5 or more, the scheme is unstable below')
       else if (.not. beta >= 0.0_wp) then
          call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)// &
                     ': must not be negative')
