@@ -109,8 +109,7 @@ contains
       k = self%n_internal - 2*m
       self%n_groups = group_of(self%paths%n_samples)
       self%modes = 0.0_wp
-      self%sliders%has_switched = .true.   ! so that move_sliders finds which sliders move
-      self%sliders%n_moving = m
+      self%sliders%n_moving = m   ! of which move_sliders finds those that move
       self%sliders%moving(:m, :) = spread([(l, l=1, m)], 2, groups)
       self%paths%x = 0.0_wp
       do l = 1, self%paths%n_samples
@@ -155,24 +154,16 @@ contains
       do l = 1, self%paths%n_samples
          w = self%paths%first_sample + l - 1
          g = group_of(l)
-         if (self%keeps_ledger) state%work_viscous(w) = &
-            state%work_viscous(w) + (square(state%velocity(:, w)) - square(velocity(l, :)))
+         if (self%keeps_ledger) &   ! the growth of v'v, which add_part leaves out (M9)
+            state%work_viscous(w) = &
+            state%work_viscous(w) + (sum(matmul(state%velocity(:, w), self%operators%momentum)**2) &
+                                     - sum(matmul(velocity(l, :), self%operators%momentum)**2))
          state%displacement(:, w) = displacement(l, :)
          state%velocity(:, w) = velocity(l, :)
          state%internal(:, w) = [self%modes(l - lanes*(g - 1), :self%operators%n_rows, :, g), &
                                  self%paths%x(l, :m, self%paths%layer(0)), &
                                  self%paths%x(l, :m, self%paths%layer(1))]
       end do
-
-   contains
-
-      !> v'v [J], whose growth over a march add_part leaves out (M9).
-      pure real(wp) function square(velocity)
-         real(wp), intent(in) :: velocity(:)
-
-         square = sum(matmul(velocity, self%operators%momentum)**2)
-      end function square
-
    end subroutine store_state
 
    !> See base_system. Advances the modes of each group, and finds the paths of its joints.
@@ -267,7 +258,7 @@ contains
                   call switch_joint(self, lane, j, begin + 1.0_wp - one%time_left, one%path(j, 0), &
                                     one%path(j, 1), state)
                   call self%sliders%switch(g, j)
-                  call one%switch_slider(self%operators, j)
+                  call one%switch_slider(self%operators, j, self%paths%regime(lane, j, :))
                end do
             end do
             if (round > self%max_transitions) then

@@ -14,7 +14,6 @@ module dynamics_exact_modal_lane
    use dynamics_exact_modal_operators, only: modal_operators
    use dynamics_exact_modal_terms, only: n_markov, path_degree
    use dynamics_exact_transitions, only: integral, last_integral
-   use dynamics_joint, only: slip_direction, slider_at
    implicit none(type, external)
    private
    public :: find_end_responses, lane_paths
@@ -130,26 +129,22 @@ contains
       self%time_left = self%time_left - span
    end subroutine move_on
 
-   !> Switches a joint now: its slider begins to move with it, or stops.
-   pure subroutine switch_slider(self, operators, joint)
+   !> Follows the switch of a joint's regime: its slider begins to move with the joint, or stops.
+   pure subroutine switch_slider(self, operators, joint, regime)
       class(lane_paths), intent(inout) :: self
       type(modal_operators), intent(in) :: operators
       integer, intent(in) :: joint
+      real(wp), intent(in) :: regime(:)   !! regime after the switch, see joint_paths
       real(wp) :: power
       integer :: e, j, k, s
 
-      self%motion = 0.0_wp
-      if (abs(self%side(joint)) > 0.0_wp) then
-         self%path(joint, 1) = 0.0_wp
-         self%slider(joint) = slider_at(self%path(joint, 0), nint(self%side(joint)), &
-                                        self%reach(joint))
-         self%motion(joint, :) = -self%path(joint, 1:)
-         self%side(joint) = 0.0_wp
-      else
-         self%motion(joint, :) = self%path(joint, 1:)
-         self%side(joint) = slip_direction(self%path(joint, 1))
-      end if
+      if (abs(self%side(joint)) > 0.0_wp) self%path(joint, 1) = 0.0_wp
+      self%side(joint) = regime(regime_side)
+      self%slider(joint) = regime(regime_slider)
       self%follows(joint) = abs(self%side(joint))
+      self%motion = 0.0_wp
+      self%motion(joint, :) = merge(1.0_wp, -1.0_wp, self%follows(joint) > 0.0_wp) &
+                              *self%path(joint, 1:)
       do k = 3, path_degree
          self%response = 0.0_wp
          do e = max(operators%first_power(k), k - 1 - n_markov), k - 2

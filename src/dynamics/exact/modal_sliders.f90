@@ -24,7 +24,6 @@ module dynamics_exact_modal_sliders
       !> moving(:n_moving(group), group): joints, ascending, whose sliders move in a lane or more;
       !> after a switch also those that have stopped
       integer, allocatable :: n_moving(:), moving(:, :)
-      logical, allocatable :: has_switched(:)   !! (group) True if a joint has switched in the part
       type(aligned_memory), private :: memory
    contains
       procedure :: initialize
@@ -45,9 +44,8 @@ contains
       call self%memory%assign_planes([lanes, n_joints, most_power], self%motion)
       call self%memory%assign_planes([lanes, n_joints, (n_moments + 1)*groups], planes)
       self%moments(1:lanes, 1:n_joints, 0:n_moments, 1:groups) => planes
-      if (allocated(self%moving)) deallocate (self%n_moving, self%moving, self%has_switched)
+      if (allocated(self%moving)) deallocate (self%n_moving, self%moving)
       allocate (self%n_moving(groups), self%moving(n_joints + 1, groups), source=0)
-      allocate (self%has_switched(groups), source=.true.)
    end subroutine initialize
 
    !> Lists the slider of a joint that switches within the part.
@@ -56,7 +54,6 @@ contains
       integer, intent(in) :: g, joint
       integer :: i
 
-      self%has_switched(g) = .true.
       associate (moving => self%moving(:, g), n => self%n_moving(g))
          if (any(moving(:n) == joint)) return
          n = n + 1
@@ -80,10 +77,7 @@ contains
       real(wp), intent(inout) :: x(lanes, groups, rows, 2:path_degree)   !! (.., joint, power)
       integer :: k, n
 
-      if (self%has_switched(g)) then
-         self%has_switched(g) = .false.
-         call find_moving(side, spring, self%moves(:, :, g), self%n_moving(g), self%moving(:, g))
-      end if
+      call find_moving(side, spring, self%moves(:, :, g), self%n_moving(g), self%moving(:, g))
       n = self%n_moving(g)
       associate (moving => self%moving(:n, g), moves => self%moves(:, :, g), motion => self%motion)
          call find_motion(n, moving, moves, x1, 1.0_wp, motion(:, :, 1))

@@ -59,28 +59,22 @@ contains
       end do
    end function parts_of_step
 
-   !> Longest step up to dt that n_parts parts march within the tolerance [s] (M7).
+   !> Longest step up to dt that n_parts parts march within the tolerance [s] (M7), by bisection.
    pure real(wp) function longest_in_parts(structure, n_parts, dt, tolerance) result(longest)
       type(structure_type), intent(in) :: structure
       integer, intent(in) :: n_parts
       real(wp), intent(in) :: dt, tolerance
       integer, parameter :: halvings = 100
       type(joint_properties) :: joints
-      real(wp) :: middle, too_long
+      real(wp) :: step
       integer :: i
 
       call find_joint_properties(structure, joints)
-      longest = dt
-      if (path_error(structure, joints, dt, n_parts) <= tolerance) return
       longest = 0.0_wp
-      too_long = dt
-      do i = 1, halvings
-         middle = 0.5_wp*(longest + too_long)
-         if (path_error(structure, joints, middle, n_parts) <= tolerance) then
-            longest = middle
-         else
-            too_long = middle
-         end if
+      do i = 0, halvings
+         step = longest + 0.5_wp**i*dt
+         if (path_error(structure, joints, step, n_parts) <= tolerance) longest = step
+         if (longest >= dt) return
       end do
    end function longest_in_parts
 
