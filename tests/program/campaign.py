@@ -113,9 +113,9 @@ def processes_kept(output: Path) -> dict[str, tuple[int, int]]:
     return shards_of(output, "process_p*.h5")
 
 
-def wait_for_shards(run: Run, output: Path, at_least: int, timeout: float = 120.0) -> None:
-    limit = time.monotonic() + timeout
-    while len(shards_of(output)) < at_least:
+def wait_for_shards(run: Run, output: Path, at_least: int, found=shards_of) -> None:
+    limit = time.monotonic() + 120
+    while len(found(output)) < at_least:
         assert run.process.poll() is None, "the run ended before it was interrupted"
         assert time.monotonic() < limit, "no shard appears"
-        time.sleep(0.005)
+        time.sleep(0.002)

@@ -10,11 +10,10 @@ import pytest
 
 from entroslip.bits import scene_bits
 from tests.conftest import ENVIRONMENT, ROOT
-from tests.program.campaign import SCENE, TOKEN, processes_of, shards_of
+from tests.program.campaign import SCENE, STOPPED, TOKEN, processes_of, shards_of
 from tests.program.pbs import Pbs
 
 SCRIPT = ROOT / "input/batch/pbs.sh"
-STOPPED = 75
 
 
 @pytest.fixture(scope="module")

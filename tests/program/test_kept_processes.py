@@ -27,19 +27,11 @@ SCENE = """\
 """
 
 
-def wait_for_processes(run: Run, output: Path, at_least: int) -> None:
-    limit = time.monotonic() + 120
-    while len(processes_kept(output)) < at_least:
-        assert run.process.poll() is None, "the run ended before it was interrupted"
-        assert time.monotonic() < limit, "no process is kept"
-        time.sleep(0.002)
-
-
 @pytest.fixture
 def interrupted(campaign, output):
     """A campaign that was stopped after some of its processes."""
     run = campaign()
-    wait_for_processes(run, output, 1)
+    wait_for_shards(run, output, 1, processes_kept)
     run.stop(signal.SIGTERM, run.ranks())
     return processes_kept(output)
 
@@ -51,7 +43,7 @@ def interrupted(campaign, output):
 )  # fmt: skip
 def test_no_fit_is_lost_or_repeated(campaign, output, reference, n_ranks, number):
     run = campaign(n_ranks)
-    wait_for_processes(run, output, 1)
+    wait_for_shards(run, output, 1, processes_kept)
     run.signal(number, run.ranks()[-1:])
     code, _, errors = run.wait()
     assert code != 0, errors
@@ -146,7 +138,7 @@ def test_processes_alone_go_on_too(program, tmp_path):
         return Run(program, ["run", "scene.nml", "--output", output], tmp_path, ENVIRONMENT)
 
     run = start("r.h5")
-    wait_for_processes(run, tmp_path / "r.h5", 2)
+    wait_for_shards(run, tmp_path / "r.h5", 2, processes_kept)
     run.signal(signal.SIGKILL, run.ranks())
     run.wait()
     code, said, errors = start("r.h5").wait()
