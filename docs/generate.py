@@ -26,7 +26,7 @@ MOTION = """\
 &chain n_dof = 2 /
 &excitation variance = 41.1 /
 &integration method = 'event' n_steps = 1200 /
-&campaign n_samples = 20 /
+&campaign n_samples = 25 /
 &output quantities = {quantities} segment_length = 128 /
 """
 BAREST = MOTION.format(quantities="'realizations'")
@@ -45,8 +45,8 @@ MOTIONS = {"": BAREST} | {
 }
 MOTIONS["'sine'"] = BAREST.replace("variance = 41.1", "kind = 'sine' frequency = 2.5 amplitude = 3")
 MOTIONS["'psd', 'file'"] = BAREST.replace("variance = 41.1", "kind = 'psd' psd = 'psd.txt'")
-MOTIONS["`deterministic`"] = BAREST.replace("n_samples = 20", "n_samples = 20 deterministic = t")
-MOTIONS["fewer than 20 samples"] = BAREST.replace("n_samples = 20", "n_samples = 2")
+MOTIONS["`deterministic`"] = BAREST.replace("n_samples = 25", "n_samples = 25 deterministic = t")
+MOTIONS["fewer than 25 samples"] = BAREST.replace("n_samples = 25", "n_samples = 2")
 HISTORY = MOTIONS["'history'"]
 MOTIONS["'history', several forces"] = HISTORY.replace("&chain n_dof = 2 /", FORCES)
 MOTIONS |= {

@@ -14,7 +14,7 @@ module campaign_pooling
    public :: case_pool, draw_law, estimators_of, find_input_points, find_pools, fitted_samples, &
              plan_draws, reason_for_plain, sharing_cases
 
-   integer, parameter, public :: fewest_samples = 20   !! samples of a case with a regression
+   integer, parameter, public :: fewest_samples = 25   !! samples of a case with a regression
    integer, parameter :: most_inputs = 64              !! friction values of a sample
    !> Samples of a pool of several cases: with more, the error of the pool's surrogate for one of
    !> them is no longer small against its other errors (formula (12) of docs/regression.md).

@@ -74,7 +74,7 @@ SCENES = {
     ),
     "some masses kept, by regression": (
         PROCESS + "&chain n_dof = 9 /\n" + FORCE + SHORT
-        + "&campaign n_samples = 20 deterministic = .true. /\n"
+        + "&campaign n_samples = 25 deterministic = .true. /\n"
         "&output quantities = 'slip', 'spectrum', 'history', 'transitions'"
         " segment_length = 256 dofs = 3 /\n",
         {"fig_07", "fig_08a", "fig_09a", "fig_10a", "fig_11a", "history_c001", "history_c002"}

@@ -22,7 +22,7 @@ RANDOM_SINES = """\
 &chain n_dof = 2 damping_ratio = 0.02 /
 &excitation kind = 'sine' frequency = 1.1 1.2 amplitude = 3.0 /
 &integration method = 'event' dt = 0.01 n_steps = 6000 /
-&campaign n_samples = 24 deterministic = .false. /
+&campaign n_samples = 25 deterministic = .false. /
 """
 HISTORY = """\
 &chain n_dof = 3 friction = 0.1 /
@@ -61,7 +61,7 @@ def test_tables_have_amplitudes_and_how_many_samples_are_steady(results_of_scene
     found = [float(row[place].split("(")[0]) for row in table.rows]
     assert found == pytest.approx(case.data["harmonic_amplitude_mean"].values, rel=1e-3)
     steady = int(case.data["steady"].values.sum())
-    assert f"{steady} of 24 samples are steady" in table.note
+    assert f"{steady} of 25 samples are steady" in table.note
 
 
 def test_a_stuck_structure_is_its_linear_self(sines):

@@ -12,7 +12,7 @@ SCENE = """\
 &chain n_dof = 3 /
 &excitation variance = 41.1 /
 &integration method = 'event' n_steps = 3000 /
-&campaign n_samples = 24 deterministic = .true. /
+&campaign n_samples = 25 deterministic = .true. /
 &accuracy audit = 0.1 /
 &output samples = {} segment_length = 512 /
 """

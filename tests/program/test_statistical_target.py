@@ -75,7 +75,7 @@ PAPER = """\
 &chain n_dof = 3 /
 &excitation variance = 41.1 per_sample = .true. /
 &integration method = 'event' n_steps = 20000 /
-&campaign n_samples = 20 /
+&campaign n_samples = 25 /
 &accuracy target_statistical = 0.25 sample_until_met = .true. /
 &output quantities = 'slip' /
 """
@@ -109,7 +109,7 @@ def test_a_regression_meets_the_target_with_fewer_samples(entroslip, tmp_path):
     assert "a regression needs fewer" not in few.stderr
     fewer = entroslip("run", "paper.nml", "--output", "fewer.h5", *eight,
                       "--set", "accuracy%sample_until_met=.false.")  # fmt: skip
-    assert "would do (a regression needs fewer, from 20 samples on)" in fewer.stderr
+    assert "would do (a regression needs fewer, from 25 samples on)" in fewer.stderr
 
 
 def test_a_target_that_no_samples_meet_is_reported(entroslip, scene, tmp_path):
