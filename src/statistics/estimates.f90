@@ -13,7 +13,6 @@ module statistics_estimates
 
    real(wp), parameter :: normal_95 = 1.959964_wp   !! half of a normal 95 % interval, over sigma
    real(wp), parameter :: least_stretch = 0.5_wp    !! lower limit of stretch, where samples tie
-   real(wp), parameter :: largest_relative_error = 1.0_wp   !! upper limit in upward_error
    real(wp), parameter :: fewest_degrees = 3.0_wp   !! lower limit of the degrees of freedom
 
    !> Statistic over the samples of a case, with its standard error or, for a percentile, its 95 %
@@ -123,11 +122,9 @@ contains
    pure subroutine sort_percentiles(percentiles)
       type(statistic_type), intent(inout) :: percentiles(:)
 
-      associate (value => percentiles%value, low => percentiles%low, high => percentiles%high)
-         value = value(sort_order(value))
-         low = low(sort_order(low))
-         high = high(sort_order(high))
-      end associate
+      percentiles%value = percentiles(sort_order(percentiles%value))%value
+      percentiles%low = percentiles(sort_order(percentiles%low))%low
+      percentiles%high = percentiles(sort_order(percentiles%high))%high
    end subroutine sort_percentiles
 
    !> End of a percentile's interval where no order statistic is far enough out. The values are not
@@ -253,14 +250,15 @@ contains
    end function effective_degrees
 
    !> Standard error e' of a value that is not negative with value + 1.96 e' = value
-   !> exp(1.96 error/value), the upper end of the interval of its logarithm. Where the few large
-   !> samples that carry the value are missing, it and its error are both too small.
+   !> exp(1.96 error/value), the upper end of the interval of its logarithm; e'/error is at most
+   !> that of error = value. Where the few large samples that carry the value are missing, it and
+   !> its error are both too small.
    elemental real(wp) function upward_error(value, error)
       real(wp), intent(in) :: value, error
       real(wp) :: relative
 
       upward_error = error
-      relative = normal_95*min(error, largest_relative_error*value)/max(value, tiny(value))
+      relative = normal_95*min(error, value)/max(value, tiny(value))
       if (relative > 0.0_wp) upward_error = error*(exp(relative) - 1.0_wp)/relative
    end function upward_error
 

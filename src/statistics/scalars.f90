@@ -66,6 +66,7 @@ contains
          type(statistic_type), intent(inout) :: best(:, :)   !! (number, statistic)
          type(estimates_type) :: fitted, sampled, blended
          real(wp) :: values(size(law%weight), n_numbers)
+         real(wp) :: m(n_numbers)   ! upper end of the interval of a fraction's mean, at most 1/2
          integer :: i
 
          associate (own => y(law%first:law%last, :), last => size(plain, 2), &
@@ -91,6 +92,11 @@ contains
                          error)
             if (allocated(error)) return
             best(:, last) = nonnegative_statistic(blended%value, blended%error, blended%ratio)
+            m = max(0.0_wp, min(best(:, 1)%value + normal_95*best(:, 1)%error, 0.5_wp))
+            ! the standard deviation of a fraction of mean m is sqrt(m - m**2) at most
+            associate (std => best(:, last)%value, stated => best(:, last)%error)
+               where (is_fraction) stated = min(stated, max(std, sqrt(m - m**2) - std)/normal_95)
+            end associate
          end associate
       end subroutine estimate_moments
 
@@ -130,10 +136,9 @@ contains
                   ends = transform_back(blended%value(i) + normal_95*[-ends(1), ends(2)], &
                                         is_fraction(i))
                   if (may_be_zero(y(law%first:law%last, i), share_below(p))) ends(1) = 0.0_wp
-                  associate (value => transform_back(blended%value(i), is_fraction(i)))
-                     best(i, 1 + p) = statistic_type(value, low=ends(1), high=ends(2), &
-                                                     ratio=blended%ratio(i))
-                  end associate
+                  best(i, 1 + p) = &
+                     statistic_type(transform_back(blended%value(i), is_fraction(i)), &
+                                    low=ends(1), high=ends(2), ratio=blended%ratio(i))
                end do
             end do
          end associate

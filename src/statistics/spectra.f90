@@ -60,9 +60,8 @@ contains
       integer :: case_number, k
 
       outputs = log(max(density, least_density))
-      associate (chosen => outputs(:, ::max(1, size(outputs, 2)/n_choosing)))
-         call choose_kernel(pool%x, chosen, surrogate, error)
-      end associate
+      call choose_kernel(pool%x, outputs(:, ::max(1, size(outputs, 2)/n_choosing)), surrogate, &
+                         error)
       if (allocated(error)) return
       allocate (fits((size(outputs, 2) - 1)/together + 1))
       do k = 1, size(fits)
