@@ -17,14 +17,6 @@ module io_contents
 
    integer, parameter :: most_named = 3   !! largest number of faults in a message
 
-   !> Faults of a file: their number, and the text of the first ones.
-   type :: fault_list
-      integer :: n = 0
-      character(:), allocatable :: text
-   contains
-      procedure :: add
-   end type fault_list
-
 contains
 
    !> Writes the attribute `contents` of a group and of all groups in it.
@@ -54,60 +46,67 @@ contains
    subroutine check_contents(file, error)
       type(hdf5_file), intent(in) :: file
       type(error_type), allocatable, intent(out) :: error
-      type(fault_list) :: faults
+      character(:), allocatable :: faults   ! text of the first ones
+      integer :: n_faults
 
-      faults%text = ''
-      call check_group(file, '/', faults)
-      if (faults%n == 0) return
-      if (faults%n > most_named) &
-         faults%text = faults%text//' and '//to_text(faults%n - most_named)//' more'
-      call raise(error, exit_file, file%path//' is damaged: '//faults%text)
-   end subroutine check_contents
-
-   !> Adds the faults of a group and of all groups in it.
-   recursive subroutine check_group(file, path, faults)
-      type(hdf5_file), intent(in) :: file
-      character(*), intent(in) :: path   !! path of the group
-      type(fault_list), intent(inout) :: faults
-      character(:), allocatable :: listed, members, name, word, words(:)
-      type(hdf5_group) :: group
-      integer :: i
-
-      group = hdf5_group(file, path)
-      call group%read(attribute, listed)
-      call list_members(group, members)
-      if (allocated(group%error)) listed = ''
-      call add_error()
-      words = words_of(listed)
-      do i = 1, size(words)
-         word = trim(words(i))
-         name = word(:scan(word//'/', '/(') - 1)
-         if (index(' '//members//' ', ' '//word//' ') == 0) then
-            if (any([index(' '//members, ' '//name//'/'), index(' '//members, ' '//name//'(')] &
-                    > 0)) then
-               call faults%add(group%path_of(name)//' does not have the shape '// &
-                               word(len(name) + 1:)//' any more')
-            else
-               call faults%add(group%path_of(name)//' is missing')
-            end if
-         else if (word == name//'/') then
-            call check_group(file, group%path_of(name), faults)
-         else
-            call group%check(name)
-            call add_error()
-         end if
-      end do
+      faults = ''
+      n_faults = 0
+      call check_group('/')
+      if (n_faults == 0) return
+      if (n_faults > most_named) faults = faults//' and '//to_text(n_faults - most_named)//' more'
+      call raise(error, exit_file, file%path//' is damaged: '//faults)
 
    contains
 
-      !> Adds the error of the group, if it has one.
-      subroutine add_error()
+      !> Adds the faults of a group and of all groups in it.
+      recursive subroutine check_group(path)
+         character(*), intent(in) :: path   !! path of the group
+         character(:), allocatable :: listed, members, name, word, words(:)
+         type(hdf5_group) :: group
+         integer :: i
+
+         group = hdf5_group(file, path)
+         call group%read(attribute, listed)
+         call list_members(group, members)
+         if (allocated(group%error)) listed = ''
+         call add_error(group)
+         words = words_of(listed)
+         do i = 1, size(words)
+            word = trim(words(i))
+            name = word(:scan(word//'/', '/(') - 1)
+            if (.not. group%has(name)) then
+               call add(group%path_of(name)//' is missing')
+            else if (index(' '//members//' ', ' '//word//' ') == 0) then
+               call add(group%path_of(name)//' does not have the shape '//word(len(name) + 1:)// &
+                        ' any more')
+            else if (word == name//'/') then
+               call check_group(group%path_of(name))
+            else
+               call group%check(name)
+               call add_error(group)
+            end if
+         end do
+      end subroutine check_group
+
+      !> Adds the error of a group, if it has one.
+      subroutine add_error(group)
+         type(hdf5_group), intent(inout) :: group
+
          if (.not. allocated(group%error)) return
-         call faults%add(group%error%message(len(file%path) + 3:))
+         call add(group%error%message(len(file%path) + 3:))
          deallocate (group%error)
       end subroutine add_error
 
-   end subroutine check_group
+      !> Adds a fault. The text has no more than the first `most_named`.
+      subroutine add(fault)
+         character(*), intent(in) :: fault
+
+         n_faults = n_faults + 1
+         if (n_faults > 1 .and. n_faults <= most_named) faults = faults//'; '
+         if (n_faults <= most_named) faults = faults//fault
+      end subroutine add
+
+   end subroutine check_contents
 
    !> Lists the members of a group as words, each with its shape.
    subroutine list_members(group, members)
@@ -145,16 +144,5 @@ contains
       end do
       text = text//')'
    end function shape_text
-
-   !> Adds a fault. The text has no more than the first `most_named`.
-   pure subroutine add(self, fault)
-      class(fault_list), intent(inout) :: self
-      character(*), intent(in) :: fault
-
-      self%n = self%n + 1
-      if (self%n > most_named) return
-      if (self%n > 1) self%text = self%text//'; '
-      self%text = self%text//fault
-   end subroutine add
 
 end module io_contents
