@@ -19,7 +19,7 @@ module io_lock
    use core_text, only: to_text
    use io_files, only: exists, folder_of, host_name, make_folder, process_id, remove_file, &
                        rename_file, unfinished_name
-   use io_posix, only: c_fclose, c_fileno, c_fstat, c_link, c_lockf, c_lseek, c_pread, c_stat
+   use io_posix, only: c_fclose, c_fileno, c_link, c_lockf, c_lseek, c_pread, c_stat
    implicit none(type, external)
    private
    public :: lock_type, take_lock
@@ -343,11 +343,11 @@ contains
    function is_same_file(lock)
       type(lock_type), intent(in) :: lock
       logical :: is_same_file
-      integer(c_long) :: opened(n_stat_words), stamp(size(stamp_words))
+      integer(c_long), dimension(size(stamp_words)) :: named, opened
 
-      stamp = stamp_of(lock%path)
-      is_same_file = c_fstat(c_fileno(lock%stream), opened) == 0
-      if (is_same_file) is_same_file = all(opened(stamp_words(:2)) == stamp(:2))
+      named = stamp_of(lock%path)
+      opened = stamp_of('/proc/self/fd/'//to_text(int(c_fileno(lock%stream))))
+      is_same_file = all(named(:2) == opened(:2)) .and. any(opened /= 0)
    end function is_same_file
 
    !> Device, inode, size and time of a file, which show that it is unchanged; zeros: no file.

@@ -3,9 +3,8 @@ module io_posix
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_long, c_ptr, c_size_t
    implicit none(type, external)
    private
-   public :: c_fclose, c_fileno, c_fstat, c_fsync, c_gethostname, c_getpid, c_getppid, c_glob, &
-             c_globfree, c_link, c_lockf, c_lseek, c_mkdir, c_pread, c_remove, c_rename, &
-             c_stat
+   public :: c_fclose, c_fileno, c_fsync, c_gethostname, c_getpid, c_getppid, c_glob, &
+             c_globfree, c_link, c_lockf, c_lseek, c_mkdir, c_pread, c_remove, c_rename, c_stat
 
    interface
       function c_mkdir(path, mode) result(status) bind(c, name='mkdir')
@@ -107,17 +106,10 @@ module io_posix
          integer(c_int) :: status
       end function c_lockf
 
-      function c_fstat(descriptor, words) result(status) bind(c, name='fstat')
-         import :: c_int, c_long
-         integer(c_int), value :: descriptor
-         integer(c_long), intent(out) :: words(*)   !! struct stat: device, inode and others
-         integer(c_int) :: status
-      end function c_fstat
-
       function c_stat(path, words) result(status) bind(c, name='stat')
          import :: c_char, c_int, c_long
          character(kind=c_char), intent(in) :: path(*)
-         integer(c_long), intent(out) :: words(*)
+         integer(c_long), intent(out) :: words(*)   !! struct stat: device, inode and others
          integer(c_int) :: status
       end function c_stat
    end interface
