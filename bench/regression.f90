@@ -15,8 +15,7 @@ program regression
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
-   use io_group, only: group_type
-   use io_hdf5, only: open_hdf5
+   use io_hdf5, only: hdf5_group, open_hdf5
    use numerics_sorting, only: sort_order
    use statistics_estimates, only: estimates_type, limit_beyond_samples, normal_95, &
                                    plain_percentile, stated_error, statistic_type, upward_error
@@ -77,7 +76,7 @@ contains
    subroutine read_case(path, name, data)
       character(*), intent(in) :: path, name
       type(case_data), intent(out) :: data
-      type(group_type) :: group
+      type(hdf5_group) :: group
       type(error_type), allocatable :: error
 
       group%path = '/campaign/'//name

@@ -16,8 +16,7 @@ module driver_results
    use driver_statistics, only: case_task, open_case
    use io_blocks, only: write_block
    use io_case_statistics, only: write_audit, write_estimates
-   use io_group, only: group_type
-   use io_hdf5, only: hdf5_file
+   use io_hdf5, only: hdf5_file, hdf5_group
    use io_process_results, only: write_process
    use io_results, only: begin_case, finish_case, finish_results, write_structure
    use io_shards, only: remove_merged_shards, stored_samples
@@ -97,7 +96,7 @@ contains
       type(case_task), allocatable :: tasks(:)   ! statistics of a case and of the next one
       type(case_statistics) :: statistics(size(plan%cases))
       type(case_estimates) :: estimates(size(plan%cases))
-      type(group_type) :: groups(size(plan%cases))
+      type(hdf5_group) :: groups(size(plan%cases))
       integer, allocatable :: numbers(:)
       integer :: i, k
 
@@ -159,7 +158,7 @@ contains
       type(runner_type), intent(in) :: runner
       type(stored_samples), intent(in) :: stored
       type(hdf5_file), intent(in) :: file
-      type(group_type), intent(out) :: group
+      type(hdf5_group), intent(out) :: group
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: folded_share(:)   ! (dof)
       real(wp), allocatable :: force(:, :)       ! (0:n_steps, record) [N], only with histories

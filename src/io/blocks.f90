@@ -9,8 +9,7 @@ module io_blocks
    use core_chunks, only: frequencies_together
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use io_group, only: group_type
-   use io_hdf5, only: hdf5_file
+   use io_hdf5, only: hdf5_file, hdf5_group
    implicit none(type, external)
    private
    public :: write_block, read_block, write_blocks
@@ -20,7 +19,7 @@ module io_blocks
    !> Moves the same rows (samples or transitions) of each dataset that it visits.
    type :: dataset_visitor
       integer :: direction = to_shard
-      type(group_type) :: group            !! group of the datasets
+      type(hdf5_group) :: group            !! group of the datasets
       integer :: file_offset = 0           !! rows of the dataset before those that move
       integer :: block_offset = 0          !! rows of the block before those that move
       integer :: n_rows = 0                !! rows that move
@@ -49,7 +48,7 @@ contains
                                                            block%before + block%n_samples)%n)
          end associate
       end do
-      v%group = group_type(file=file, path='/')
+      v%group = hdf5_group(file=file, path='/')
       do i = 1, size(blocks)
          v%file_offset = blocks(i)%first_sample - blocks(1)%first_sample
          v%block_offset = blocks(i)%before
@@ -74,7 +73,7 @@ contains
       type(dataset_visitor) :: v
 
       v%direction = from_file
-      v%group = group_type(file=file, path=group)
+      v%group = hdf5_group(file=file, path=group)
       v%file_offset = file_offset
       v%block_offset = block_offset
       v%n_rows = n
@@ -87,7 +86,7 @@ contains
    !> Writes a block to the group of its case in a results file: its short datasets, or, with the
    !> numbers of transitions, its long ones.
    subroutine write_block(group, plan, block, n_written, n_transitions)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       type(block_result), intent(inout) :: block      !! left as it was
       integer, intent(inout), optional :: n_written   !! transitions in the file
@@ -215,7 +214,7 @@ contains
 
    !> Reads all transitions of the file and keeps those of the block's samples.
    subroutine read_transitions(group, block)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(block_result), intent(inout) :: block
       real(wp), allocatable :: sample(:), time(:), joint(:), kind(:)
       integer :: i

@@ -11,8 +11,7 @@ module io_case_statistics
    use core_text, only: numbered
    use io_blocks, only: write_block
    use io_files, only: folder_of
-   use io_group, only: group_type, new_group
-   use io_hdf5, only: hdf5_file
+   use io_hdf5, only: hdf5_file, hdf5_group, new_group
    use io_results, only: case_group, finish_case, write_dofs
    use io_shards, only: stored_samples
    use numerics_sorting, only: sort_order
@@ -26,7 +25,7 @@ contains
    !> Writes the best estimates of a case and the errors of the finite march; also the plain
    !> estimates, if the best ones come from a regression. `error` is the first of all in the group.
    subroutine write_estimates(group, plain, found, error)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(case_statistics), intent(in) :: plain
       type(case_estimates), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
@@ -47,7 +46,7 @@ contains
 
    !> Writes the time-average errors, which do not depend on the estimator.
    subroutine write_time_errors(group, plain)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(case_statistics), intent(in) :: plain
       character(*), parameter :: time_error = 'time-average error, the same for any number of '// &
                                  'samples, of '
@@ -72,7 +71,7 @@ contains
    end subroutine write_time_errors
 
    subroutine write_sensitivities(group, found)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(case_estimates), intent(in) :: found
 
       call group%put('friction_point', found%friction_points, '1', &
@@ -86,10 +85,10 @@ contains
 
    !> Writes the groups `plain` and `error_ratio`.
    subroutine write_plain(group, plain, found)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(case_statistics), intent(in) :: plain
       type(case_estimates), intent(in) :: found
-      type(group_type) :: member
+      type(hdf5_group) :: member
 
       if (allocated(group%error)) return
       member = group
@@ -105,7 +104,7 @@ contains
    !> instead the ratios of plain sampling's errors to theirs, and attributes of each estimate in
    !> the group above.
    subroutine write_statistics(group, statistics, estimates)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(case_statistics), intent(in) :: statistics
       type(case_estimates), intent(in), optional :: estimates
       integer :: last, n, n_f, np
@@ -190,7 +189,7 @@ contains
 
    !> Writes the method of each error and interval as an attribute.
    subroutine write_methods(group, is_regression, has_bands)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       logical, intent(in) :: is_regression, has_bands
 
       call put('slip_mean_error_method', 'standard deviation over root of n_samples')
@@ -219,11 +218,11 @@ contains
 
    !> Writes attributes of a best estimate: its estimator, the cases pooled, its median error ratio.
    subroutine write_gain(group, found, name, ratio)
-      type(group_type), intent(inout) :: group   !! `error_ratio`, a member of the estimate's group
+      type(hdf5_group), intent(inout) :: group   !! `error_ratio`, a member of the estimate's group
       type(case_estimates), intent(in) :: found
       character(*), intent(in) :: name           !! name of the estimate
       real(wp), intent(in) :: ratio(:)           !! plain sampling's errors over the estimate's
-      type(group_type) :: dataset
+      type(hdf5_group) :: dataset
       character(:), allocatable :: pooled_with
       integer :: i, order(size(ratio))
 
@@ -256,7 +255,7 @@ contains
       type(numerical_error), intent(in) :: errors
       type(stored_samples), intent(in) :: stored
       type(error_type), allocatable, intent(out) :: error
-      type(group_type) :: group
+      type(hdf5_group) :: group
       type(integration_settings) :: reference
 
       group = new_group(file, case_group(number, count(plan%cases%audits == 0)))
@@ -284,7 +283,7 @@ contains
    !> Writes the differences, case minus reference, that are known: those of slip fractions in
    !> percentage points, those of spectra relative and integrated over frequency.
    subroutine write_errors(group, errors)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(numerical_error), intent(in) :: errors
 
       call put('slip_mean_difference', errors%slip_mean, '%', 'numerical error of slip_mean', &

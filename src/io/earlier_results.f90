@@ -8,8 +8,7 @@ module io_earlier_results
    use core_source, only: is_hdf5_file
    use io_contents, only: check_contents
    use io_files, only: exists, file_size
-   use io_group, only: group_type
-   use io_hdf5, only: hdf5_file, hdf5_object, open_hdf5
+   use io_hdf5, only: hdf5_file, hdf5_group, hdf5_object, open_hdf5
    use io_identity, only: identity_type, refuse_foreign, require_command, require_same
    use io_results, only: case_group
    use io_shards, only: finished_samples, shard_type
@@ -101,7 +100,7 @@ contains
          if (is_damaged(path)) error%message = error%message//advice
          return
       end if
-      call require_same(file, identity, error)
+      call require_same(file, identity, advice, error)
       if (.not. allocated(error)) then
          call check_contents(file, error)
          if (allocated(error)) error%message = error%message//advice
@@ -154,7 +153,7 @@ contains
       type(case_errors), allocatable, intent(out) :: errors(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
-      type(group_type) :: group
+      type(hdf5_group) :: group
       integer :: i
 
       call open_hdf5(path, file, error)
@@ -173,7 +172,7 @@ contains
 
    !> Reads the statistics of a case and their estimator.
    subroutine read_case(group, errors)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(case_errors), intent(inout) :: errors
       real(wp), allocatable :: is_steady(:), mean(:), mean_error(:), ratio(:)
 
@@ -202,7 +201,7 @@ contains
 
    !> Reads the numerical errors that the audit of a case found.
    subroutine read_audit(group, errors)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(case_errors), intent(inout) :: errors
       real(wp), allocatable :: slip(:), ratio(:)
 

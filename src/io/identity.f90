@@ -41,13 +41,12 @@ contains
       call root%take_error(error)
    end subroutine write_identity
 
-   !> Refuses a file of another scene, program version or machine, with the difference. `advice` is
-   !> appended to the error of a damaged file.
-   subroutine require_same(file, identity, error, advice)
+   !> Refuses a file of another scene, program version or machine, with the difference.
+   subroutine require_same(file, identity, advice, error)
       type(hdf5_file), intent(in) :: file
       type(identity_type), intent(in) :: identity
+      character(*), intent(in) :: advice   !! end of the error of a damaged file
       type(error_type), allocatable, intent(out) :: error
-      character(*), intent(in), optional :: advice
       character(:), allocatable :: architecture, fingerprint, settings, version
       type(hdf5_object) :: root
       integer :: found
@@ -67,7 +66,7 @@ contains
       call root%read('architecture', architecture)
       call root%take_error(error)
       if (allocated(error)) then
-         if (present(advice)) error%message = error%message//advice
+         error%message = error%message//advice
       else if (fingerprint /= identity%fingerprint) then
          call refuse('belongs to another scene', difference(settings, identity%settings))
       else if (version /= identity%version) then

@@ -5,9 +5,8 @@ module io_process_results
    use core_kinds, only: wp
    use core_text, only: numbered
    use io_files, only: exists
-   use io_group, only: group_type, new_group
-   use io_hdf5, only: hdf5_file, open_hdf5
-   use io_store, only: create_in_store, finish_in_store, open_in_store, shard_store
+   use io_hdf5, only: hdf5_file, hdf5_group, new_group, open_hdf5
+   use io_store, only: advise, create_in_store, finish_in_store, open_in_store, shard_store
    use process_components, only: axis_type, component, component_visitor, reset_components, &
                                  visit_components
    use process_model, only: process_model_type, process_request
@@ -17,11 +16,10 @@ module io_process_results
    public :: store_process, process_file_name, read_stored_processes, write_process
 
    character(*), parameter :: solution = '/solution'   !! group in a file of the store
-   character(*), parameter :: advice = '; remove it to have its process solved again'
 
    !> Writes each component of a process into a group, or reads it from there.
    type, extends(component_visitor) :: group_visitor
-      type(group_type) :: group
+      type(hdf5_group) :: group
       logical :: writes = .false.
    contains
       procedure :: visit_table
@@ -37,7 +35,7 @@ contains
       type(process_model_type), intent(in) :: model
       type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), contiguous, optional :: realizations(:, :)   !! (point, realization)
-      type(group_type) :: group
+      type(hdf5_group) :: group
 
       group = new_group(file, '/process/'//numbered('p', number))
       call write_request(group, model%request)
@@ -53,7 +51,7 @@ contains
 
    !> Writes the components of the solution.
    subroutine write_solution(group, model)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(process_model_type), intent(in) :: model
       type(process_model_type) :: copy
       type(group_visitor) :: visitor
@@ -73,7 +71,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(group_visitor) :: visitor
 
-      visitor%group = group_type(file=file, path=group)
+      visitor%group = hdf5_group(file=file, path=group)
       call reset_components(model)
       call visit_components(visitor, model)
       call visitor%group%take_error(error)
@@ -83,7 +81,7 @@ contains
 
    !> Writes the values of the request that apply to it as attributes.
    subroutine write_request(group, request)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(process_request), intent(in) :: request
 
       call group%attribute('law', law_name(request))
@@ -136,8 +134,9 @@ contains
             value = 0.0_wp
             if (.not. self%group%has(name)) return
          end if
-         call self%group%get_number(name, value)
-         if (present(error)) call self%group%get_number(name//'_error', error)
+         call self%group%read_part(name, [integer ::], value)
+         if (present(error)) &
+            call self%group%read_part(name//'_error', [integer ::], error)
       end if
    end subroutine visit_real
 
@@ -198,7 +197,7 @@ contains
       integer, intent(in) :: number   !! number of the process
       type(process_model_type), intent(in) :: model
       type(error_type), allocatable, intent(out) :: error
-      type(group_type) :: group
+      type(hdf5_group) :: group
       type(hdf5_file) :: file
 
       call create_in_store(store, process_file_name(number), file, error)
@@ -247,11 +246,11 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
 
-      call open_in_store(store, process_file_name(number), 'process', advice, file, error)
+      call open_in_store(store, process_file_name(number), file, error)
       if (allocated(error)) return
       call read_solution(file, solution, model, error)
       call file%abandon()
-      if (allocated(error)) error%message = error%message//advice
+      call advise(error)
    end subroutine read_from_store
 
    !> Name of the file of a process in a store, such as process_p003.h5.

@@ -11,8 +11,7 @@ module io_results
    use io_blocks, only: write_block
    use io_contents, only: check_contents, write_contents
    use io_files, only: folder_of, sync_file
-   use io_group, only: group_type, new_group
-   use io_hdf5, only: hdf5_file, hdf5_object, open_hdf5
+   use io_hdf5, only: hdf5_file, hdf5_group, hdf5_object, new_group, open_hdf5
    use io_lock, only: lock_type
    use io_shards, only: read_shard, shard_type, stored_samples
    use io_store, only: discard_file
@@ -36,7 +35,7 @@ contains
       type(hdf5_file), intent(in) :: file
       type(plan_type), intent(in) :: plan
       type(error_type), allocatable, intent(out) :: error
-      type(group_type) :: group
+      type(hdf5_group) :: group
 
       group = new_group(file, '/structure')
       call group%attribute('method', trim(plan%integration%method))
@@ -50,7 +49,7 @@ contains
 
    !> Writes the axes, the natural frequencies, M, C, K and the joints.
    subroutine write_matrices(group, structure)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(structure_type), intent(in) :: structure
 
       call group%put_axis('mode', structure%n_dof, 'mode, from the lowest')
@@ -79,7 +78,7 @@ contains
 
    !> Writes the nonzero entries of a matrix, row by row.
    subroutine write_entries(group, name, unit, matrix)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       character(*), intent(in) :: name, unit
       real(wp), intent(in) :: matrix(:, :)
       type(sparse_matrix) :: entries
@@ -115,7 +114,7 @@ contains
       integer, intent(in) :: number
       type(spectrum_layout), intent(in) :: layout
       real(wp), intent(in), contiguous :: folded_share(:)   !! (dof); empty without a pilot march
-      type(group_type), intent(out) :: group
+      type(hdf5_group), intent(out) :: group
       !> (step, force; or step, force and sample) [N], or of a moving base [m/s^2]
       real(wp), intent(in), contiguous, optional :: force(:, :)
 
@@ -141,7 +140,7 @@ contains
    !> number of samples; without output%samples no series and spectra. `error` is the first of all
    !> in the group.
    subroutine finish_case(group, plan, number, stored, error)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
       type(stored_samples), intent(in) :: stored
@@ -185,7 +184,7 @@ contains
    !> Writes the axes of dofs and joints, and that of the dofs with spectra and histories unless all
    !> have them.
    subroutine write_dofs(group, plan)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(plan_type), intent(in) :: plan
 
       call group%put_axis('dof', plan%structure%n_dof, about_dofs)
@@ -198,7 +197,7 @@ contains
 
    !> Writes the excitation, the process, the samples and the duration of a case as attributes.
    subroutine write_attributes(group, plan, number)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
 
@@ -230,7 +229,7 @@ contains
 
    !> Writes the frequencies, the parameters of Welch's method, and the axes of batches.
    subroutine write_spectrum_axes(group, layout, folded_share)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(spectrum_layout), intent(in) :: layout
       real(wp), intent(in), contiguous :: folded_share(:)   !! (dof)
 
@@ -269,7 +268,7 @@ contains
 
    !> Writes the axis of time and the force.
    subroutine write_history_axes(group, plan, force)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(plan_type), intent(in) :: plan
       real(wp), intent(in), contiguous :: force(:, :)   !! as in begin_case
       character(:), allocatable :: axes, unit

@@ -11,16 +11,14 @@ module io_shards
    use io_hdf5, only: hdf5_file, hdf5_group, open_hdf5
    use io_lock, only: lock_type
    use io_process_results, only: process_file_name
-   use io_store, only: create_in_store, finish_in_store, numbers_in, open_in_store, remove_store, &
-                       shard_store
+   use io_store, only: advise, create_in_store, finish_in_store, numbers_in, open_in_store, &
+                       remove_store, shard_store
    use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
    public :: shard_type
    public :: list_shards, shard_path, read_shard, remove_merged_shards, write_shard
    public :: finished_samples, sort_shards, stored_samples
-
-   character(*), parameter :: advice = '; remove it to have its samples computed again'
 
    !> Case and samples of a shard, or of a range of samples in an earlier results file.
    type, extends(block_range) :: shard_type
@@ -111,7 +109,7 @@ contains
       if (shard%group /= '') then
          call open_hdf5(shard_path(store, shard), file, error)
       else
-         call open_in_store(store, shard_name(shard), 'samples', advice, file, error)
+         call open_in_store(store, shard_name(shard), file, error)
       end if
       if (allocated(error)) return
       block%case_number = shard%case_number
@@ -120,7 +118,7 @@ contains
       call read_block(file, trim(shard%group), block, shard%file_offset, 0, block%n_samples, &
                       .false., error)
       call file%abandon()
-      if (allocated(error) .and. shard%group == '') error%message = error%message//advice
+      if (shard%group == '') call advise(error)
    end subroutine read_shard
 
    !> Removes the shards whose samples a results file has, and the store if no other shards are

@@ -9,8 +9,11 @@ module io_store
    implicit none(type, external)
    private
    public :: shard_store, new_store
-   public :: create_unfinished, create_in_store, discard_file, finish_in_store, numbers_in, &
-             open_in_store, remove_leftovers, remove_store
+   public :: advise, create_unfinished, create_in_store, discard_file, finish_in_store, &
+             numbers_in, open_in_store, remove_leftovers, remove_store
+
+   !> End of an error of a damaged file of a store.
+   character(*), parameter :: advice = '; remove it to have what it holds computed again'
 
    !> Paths of an output and of its store, and the identity that its files must have.
    type :: shard_store
@@ -72,34 +75,34 @@ contains
       call remove_file(file%path, ignored)
    end subroutine discard_file
 
+   !> Adds to the error of a damaged file of a store what to do.
+   pure subroutine advise(error)
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error)) error%message = error%message//advice
+   end subroutine advise
+
    !> Opens a finished file of the store; refuses a damaged or renamed one, and one of another scene
    !> or program.
-   subroutine open_in_store(store, name, content, advice, file, error)
+   subroutine open_in_store(store, name, file, error)
       type(shard_store), intent(in) :: store
-      character(*), intent(in) :: name       !! name without the folder
-      character(*), intent(in) :: content    !! content that the name states: 'samples' or 'process'
-      character(*), intent(in) :: advice     !! end of an error
+      character(*), intent(in) :: name   !! name without the folder
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_object) :: root
       character(:), allocatable :: found
 
       call open_hdf5(store%folder//'/'//name, file, error)
-      if (allocated(error)) then
-         error%message = error%message//advice
-         return
-      end if
-      call require_same(file, store%identity, error, advice)
+      call advise(error)
+      if (allocated(error)) return
+      call require_same(file, store%identity, advice, error)
       if (.not. allocated(error)) then
          root = hdf5_object(file, '/')
          call root%read('name', found)
          call root%take_error(error)
-         if (allocated(error)) then
-            error%message = error%message//advice
-         else if (found /= name) then
-            call raise(error, exit_file, file%path//' does not hold the '//content// &
-                       ' that its name tells'//advice)
-         end if
+         if (.not. allocated(error) .and. found /= name) &
+            call raise(error, exit_file, file%path//' does not hold what its name tells')
+         call advise(error)
       end if
       if (allocated(error)) call file%abandon()
    end subroutine open_in_store

@@ -4,8 +4,7 @@ module io_tradeoff_results
    use campaign_plan, only: plan_type
    use core_error, only: error_type
    use core_kinds, only: wp
-   use io_group, only: group_type
-   use io_hdf5, only: hdf5_file
+   use io_hdf5, only: hdf5_file, hdf5_group
    use tradeoff_effects, only: variant_row
    use tradeoff_front, only: error_components, setting_row, size_row, spectrum_row
    use tradeoff_settings, only: setting_dt
@@ -36,7 +35,7 @@ contains
       type(hdf5_file), intent(in) :: file
       type(tradeoff_findings), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
-      type(group_type) :: group
+      type(hdf5_group) :: group
 
       group%file = file
       if (found%plan%has_structure) then
@@ -53,7 +52,7 @@ contains
 
    !> Writes one row per setting.
    subroutine write_settings(group, rows, dt, n_short)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(setting_row), intent(in) :: rows(:)
       real(wp), intent(in) :: dt       !! step of the scene [s]
       integer, intent(in) :: n_short   !! steps of the trial marches
@@ -93,7 +92,7 @@ contains
 
    !> Writes the components of the error of the scene's results.
    subroutine write_errors(group, errors)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(error_components), intent(in) :: errors
 
       call group%change_to('/tradeoff/parts')
@@ -122,7 +121,7 @@ contains
 
    !> Writes the errors of other ways to form spectra.
    subroutine write_spectra(group, rows)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(spectrum_row), intent(in) :: rows(:)
 
       if (size(rows) == 0) return
@@ -137,7 +136,7 @@ contains
 
    !> Writes the errors and costs at other numbers of samples and steps.
    subroutine write_sizes(group, rows)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(size_row), intent(in) :: rows(:)
 
       call group%change_to('/tradeoff/sizes')
@@ -154,7 +153,7 @@ contains
 
    !> Writes the changes of the results by other orders and fits of the processes.
    subroutine write_variants(group, tradeoff, rows)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(tradeoff_type), intent(in) :: tradeoff
       type(variant_row), intent(in) :: rows(:)
 
@@ -194,7 +193,7 @@ contains
 
    !> Writes a row for each order of each process.
    subroutine write_orders(group, rows)
-      type(group_type), intent(inout) :: group
+      type(hdf5_group), intent(inout) :: group
       type(order_row), intent(in) :: rows(:)
       integer :: i, n
 

@@ -10,11 +10,10 @@ module io_campaign
    use io_blocks, only: write_block
    use io_case_statistics, only: write_audit, write_estimates
    use io_files, only: make_folder, process_id
-   use io_group, only: group_type
    use io_identity, only: identity_type
    use io_lock, only: lock_type, take_lock
    use io_process_results, only: write_process
-   use io_hdf5, only: hdf5_file, hdf5_object
+   use io_hdf5, only: hdf5_file, hdf5_group, hdf5_object
    use io_results, only: begin_case, finish_case, finish_results, write_structure
    use io_shards, only: list_shards, sort_shards, shard_type, stored_samples, write_shard
    use io_store, only: create_unfinished, discard_file, shard_store
@@ -278,7 +277,7 @@ contains
       type(stored_samples) :: stored
       type(plan_type) :: plan
       type(block_result) :: samples
-      type(group_type) :: group
+      type(hdf5_group) :: group
       type(case_estimates) :: estimates
       real(wp) :: force(n_steps + 1, 1)
       integer :: dof, i

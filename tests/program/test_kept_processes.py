@@ -103,7 +103,7 @@ def test_a_damaged_process_is_refused_by_name(campaign, output, reference, inter
     code, _, errors = campaign(n_ranks).wait()
     assert code == REFUSED, errors
     assert name in errors
-    assert "remove it to have its process solved again" in errors
+    assert "remove it to have what it holds computed again" in errors
     victim.unlink()
     assert campaign(n_ranks).wait()[0] == 0
     assert scene_bits(output) == reference

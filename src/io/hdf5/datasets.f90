@@ -1,4 +1,4 @@
-!> Datasets of a group: numbers of any rank, whole or in parts, with units, meaning and axes.
+!> Groups and their datasets: numbers of any rank, whole or in parts, with units, meaning and axes.
 !>
 !> In memory all numbers are reals. HDF5 converts the whole numbers of a file, which are exact below
 !> 2^53. Extents and indices have Fortran's order; Python sees the axes reversed, and the names of
@@ -13,28 +13,56 @@ module io_hdf5_datasets
    use h5ds, only: h5dsattach_scale_f, h5dsset_scale_f
    use hdf5
    use io_hdf5_attributes, only: hdf5_object
-   use io_hdf5_file, only: new_timeless_list
+   use io_hdf5_file, only: hdf5_file, new_timeless_list
    use io_hdf5_outcome, only: conclude
    implicit none(type, external)
    private
-   public :: hdf5_group
+   public :: hdf5_group, new_group
 
    !> Group whose datasets have their names in it. It keeps the first error, see hdf5_object.
    type, extends(hdf5_object) :: hdf5_group
+      character(24), private :: axis = ''   !! axis of datasets that are written without axes
+      character(8) :: kept_axis = 'dof'     !! axis of the dofs whose spectra are kept
    contains
+      generic :: get => get_row, get_matrix
+      generic :: put => put_reals, put_integers
       procedure :: path_of
       procedure :: has
+      procedure :: change_to
+      procedure :: axes_named
+      procedure :: put_axis
+      procedure :: put_value
+      procedure :: start_table
       procedure :: make
       procedure :: read_shape
       procedure :: allocate_for
       procedure :: check
-      procedure :: write_dataset
       procedure :: read_part
       procedure :: move_rows
+      procedure, private :: put_reals, put_integers, get_row, get_matrix
       procedure, private :: attach_axes, keep_failure, move
    end type hdf5_group
 
 contains
+
+   !> The group at a path, created if it is missing.
+   function new_group(file, path) result(group)
+      type(hdf5_file), intent(in) :: file
+      character(*), intent(in) :: path
+      type(hdf5_group) :: group
+
+      group%file = file
+      call group%change_to(path)
+   end function new_group
+
+   !> Changes to another group of the file, created if it is missing.
+   subroutine change_to(self, path)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: path
+
+      self%path = path
+      if (.not. allocated(self%error)) call self%file%make_group(path, self%error)
+   end subroutine change_to
 
    !> Path of a member of the group.
    pure function path_of(self, name) result(path)
@@ -226,20 +254,115 @@ contains
       end do
    end subroutine check
 
-   !> Writes a whole dataset of any rank.
-   subroutine write_dataset(self, name, values, units, long_name, axes, kind, extents)
-      class(hdf5_group), intent(inout) :: self
-      character(*), intent(in) :: name, units, long_name, axes   !! see `make`
-      real(wp), intent(in), target, contiguous :: values(..)
-      character(*), intent(in), optional :: kind
-      integer, intent(in), optional :: extents(:)   !! dataset; default: as `values`
-      integer(hsize_t), allocatable :: shape_in_file(:)
+   !> Names of axes, with the name of `kept_axis` in place of 'kept'.
+   pure function axes_named(self, axes) result(names)
+      class(hdf5_group), intent(in) :: self
+      character(*), intent(in) :: axes   !! only the last one may be 'kept'
+      character(:), allocatable :: names
+      integer :: last
 
+      last = index(axes, ' ', back=.true.)
+      names = axes
+      if (axes(last + 1:) == 'kept') names = axes(:last)//trim(self%kept_axis)
+   end function axes_named
+
+   !> Writes a whole dataset of any rank, or nothing if `values` is absent or unallocated.
+   subroutine put_reals(self, name, values, units, long_name, axes, kind, extents)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name, units, long_name
+      real(wp), intent(in), target, contiguous, optional :: values(..)
+      !> axes in Python's order, '' for a scalar; absent: the axis of `start_table`
+      character(*), intent(in), optional :: axes
+      character(*), intent(in), optional :: kind   !! kind of whole numbers: see `make`
+      integer, intent(in), optional :: extents(:)  !! of the dataset; default: as `values`
+      integer(hsize_t), allocatable :: shape_in_file(:)
+      character(:), allocatable :: names
+
+      if (.not. present(values)) return
+      names = trim(self%axis)
+      if (present(axes)) names = self%axes_named(axes)
       shape_in_file = extents_of(values)
       if (present(extents)) shape_in_file = extents
-      call self%make(name, shape_in_file, units, long_name, axes, kind)
+      call self%make(name, shape_in_file, units, long_name, names, kind)
       call self%move(name, spread(1, 1, size(shape_in_file)), shape_in_file, c_loc(values), .true.)
-   end subroutine write_dataset
+   end subroutine put_reals
+
+   !> Writes a whole dataset of one axis of integers.
+   subroutine put_integers(self, name, values, units, long_name, axes)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name, units, long_name
+      integer, intent(in) :: values(:)
+      character(*), intent(in), optional :: axes
+
+      call self%put_reals(name, real(values, wp), units, long_name, axes, 'integer')
+   end subroutine put_integers
+
+   !> Writes a scalar, and its standard error as another one if it is present.
+   subroutine put_value(self, name, value, units, long_name, standard_error)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name, units, long_name
+      real(wp), intent(in) :: value
+      real(wp), intent(in), optional :: standard_error
+
+      call self%put(name, value, units, long_name, '')
+      call self%put(name//'_error', standard_error, units, 'standard error: '//long_name, '')
+   end subroutine put_value
+
+   !> Writes an axis of n whole numbers that begin at 1, or at `first`.
+   subroutine put_axis(self, name, n, long_name, first)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name, long_name
+      integer, intent(in) :: n
+      integer, intent(in), optional :: first
+      integer :: i, start
+
+      start = 1
+      if (present(first)) start = first
+      call self%put(name, [(i, i=start, start + n - 1)], '1', long_name, name)
+   end subroutine put_axis
+
+   !> Writes the axis of a table: of the datasets that are then written without axes.
+   subroutine start_table(self, axis, n_rows, long_name)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: axis, long_name
+      integer, intent(in) :: n_rows
+
+      self%axis = axis
+      call self%put_axis(axis, n_rows, long_name)
+   end subroutine start_table
+
+   !> Reads a whole dataset; `values` stays unallocated if there is none.
+   subroutine get_row(self, name, values)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(inout) :: values(:)   !! not allocated yet
+
+      allocate (values(0))   ! sets the bounds that gfortran 11 reads in allocate_for
+      deallocate (values)
+      call get_reals(self, name, values)
+   end subroutine get_row
+
+   subroutine get_matrix(self, name, values)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(inout) :: values(:, :)   !! not allocated yet
+
+      allocate (values(0, 0))
+      deallocate (values)
+      call get_reals(self, name, values)
+   end subroutine get_matrix
+
+   subroutine get_reals(self, name, values)
+      class(hdf5_group), intent(inout) :: self
+      character(*), intent(in) :: name
+      real(wp), allocatable, intent(inout) :: values(..)
+
+      if (allocated(self%error)) return
+      if (.not. self%has(name)) return
+      call self%allocate_for(name, values)
+      if (.not. allocated(self%error)) &
+         call self%move_rows(name, 0, values, 0, size(values, rank(values)), .false.)
+   end subroutine get_reals
 
    !> Reads the part of a dataset that begins at `first` and has the shape of `values`.
    subroutine read_part(self, name, first, values)
