@@ -201,6 +201,8 @@ def test_fresh_replaces_what_a_full_disk_left_and_nothing_else(entroslip, tmp_pa
     assert entroslip(*run, "whole.h5").returncode == 0
     half = (tmp_path / "whole.h5").read_bytes()[:4000]
     foreign = half[:8] + b"\0" + half[9:]  # an older format of HDF5, which most programs write
+    os.mkfifo(tmp_path / "pipe.h5")
+    assert "it is empty, or a pipe" in entroslip(*run, "pipe.h5").stderr
     for content, is_replaced in ((b"", True), (half, True), (foreign, False), (b"x", False)):
         (tmp_path / "r.h5").write_bytes(content)
         plain = entroslip(*run, "r.h5")

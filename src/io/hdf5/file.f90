@@ -1,7 +1,7 @@
 !> HDF5 files: create, open and close them, and list and make their groups.
 module io_hdf5_file
    use, intrinsic :: iso_c_binding, only: c_bool, c_int, c_int64_t
-   use core_error, only: error_type
+   use core_error, only: error_type, exit_file, raise
    use core_text, only: to_text
    use hdf5
    use io_hdf5_outcome, only: conclude, forget_failure, listen_to_failures
@@ -64,14 +64,20 @@ contains
       call conclude(path//': cannot be made', error)
    end subroutine create_hdf5
 
-   !> Opens an existing file for reading.
+   !> Opens an existing file for reading. An empty one may be a pipe, where opening would wait.
    subroutine open_hdf5(path, file, error)
       character(*), intent(in) :: path
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error
       integer(hid_t) :: access
+      integer(c_int64_t) :: n_bytes
       integer :: status
 
+      inquire (file=path, size=n_bytes)
+      if (n_bytes == 0) then
+         call raise(error, exit_file, path//': cannot be opened as HDF5: it is empty, or a pipe')
+         return
+      end if
       call start_library()
       file%path = path
       call new_access_list(access)
