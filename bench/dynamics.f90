@@ -15,7 +15,7 @@ program bench_dynamics
    use core_random, only: label_of, new_stream, stream_type
    use core_text, only: to_text
    use dynamics_exact_march, only: exact_march, new_exact_march
-   use dynamics_joint, only: close_account
+   use dynamics_joint, only: count_open_slips
    use dynamics_newmark_march, only: new_newmark, newmark_marcher
    use dynamics_response, only: block_state, marcher_type, start_block
    use numerics_spectrum, only: welch_type
@@ -171,7 +171,7 @@ contains
       integer :: i, missed, starts(5), stops(5)
 
       call time_march(marcher, chain, force, stride*finer, state, x, nanoseconds)
-      call close_account(chain, marcher%dt*ubound(force, 1), state)
+      call count_open_slips(chain, marcher%dt*ubound(force, 1), state)
       nanoseconds = nanoseconds*finer
       call read_reference(case, exact, slip, starts, stops)
       error_x = 0.0_wp

@@ -10,7 +10,7 @@ program bench_dynamics_ledger
    use structure_model, only: structure_type
    use dynamics_exact_march, only: exact_march, new_exact_march
    use dynamics_excitation, only: noise_force
-   use dynamics_joint, only: close_account
+   use dynamics_joint, only: count_open_slips
    use dynamics_response, only: block_state, start_block, stored_energy
    implicit none(type, external)
    integer, parameter :: n_steps = 100000, n_samples = 32, n_dof = 5
@@ -71,7 +71,7 @@ contains
       nanoseconds = 1.0e9_wp*(end - begin)/(real(n_steps, wp)*n_samples)
       defect = 0.0_wp
       if (.not. keeps_ledger) return
-      call close_account(chain, state%step*marcher%dt, state)
+      call count_open_slips(chain, state%step*marcher%dt, state)
       work = state%work_viscous + sum(state%slip_limit*state%slip_distance, 1)
       defect = maxval(abs(state%work_input - work - stored_energy(chain, state))/work)
    end subroutine time_march

@@ -10,7 +10,7 @@ program bench_process_direct
    use process_correlation, only: constraint_weights
    use process_direct_constraint, only: constraint_of, length_constraint, new_constraint
    use process_direct_fit, only: check_by_inversion, fit_direct
-   use process_direct_sign_search, only: search_all_signs, search_result
+   use process_direct_sign_search, only: search_all_signs, sign_search_result
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    use process_model, only: inversion_check, process_model_type, process_request
    implicit none(type, external)
@@ -72,7 +72,7 @@ contains
       character(*), intent(in) :: correlation
       real(wp), intent(in) :: length
       integer, intent(in) :: m_max
-      type(search_result) :: search
+      type(sign_search_result) :: search
       real(wp) :: finish, start
 
       call cpu_time(start)

@@ -16,8 +16,8 @@ module driver_output
    use driver_campaign, only: report_new_folders
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
-   use io_earlier_results, only: case_errors, check_replaceable, inspect_results, read_errors, &
-                                 stored_in_results
+   use io_earlier_results, only: case_errors, check_replaceable, count_stored_samples, &
+                                 read_errors, stored_in_results
    use io_files, only: exists, follow_links, remove_file
    use io_lock, only: lock_type, take_lock
    use io_shards, only: finished_samples, list_shards, sort_shards, shard_path, read_shard, &
@@ -154,7 +154,7 @@ contains
       else
          call take_lock(output%path, output%lock, error, output%is_shared)
          if (.not. allocated(error)) &
-            call inspect_results(output%path, output%store%identity, output%n_stored, error)
+            call count_stored_samples(output%path, output%store%identity, output%n_stored, error)
          if (allocated(output%n_stored)) call resume_results(plan, output, error)
       end if
       if (.not. allocated(output%n_stored)) output%n_stored = spread(0, 1, size(plan%cases))

@@ -13,9 +13,9 @@ module driver_processes
    use parallel_world, only: world_type
    use process_components, only: component, component_visitor, reset_components, visit_components
    use process_direct_constraint, only: constraint_of
-   use process_direct_fit, only: check_by_inversion, count_parts
-   use process_direct_sign_search, only: restore_search, search_all_signs, search_result
-   use process_fit, only: fit_from_search, fit_process
+   use process_direct_fit, only: check_by_inversion, count_search_parts
+   use process_direct_sign_search, only: restore_search, search_all_signs, sign_search_result
+   use process_fit, only: fit_from_sign_search, fit_process
    use process_model, only: process_model_type, process_request
    use process_scaling, only: scale_to_request, first_of_fit, scaled_request
    implicit none(type, external)
@@ -60,7 +60,7 @@ contains
       do i = 1, size(models)
          models(i)%request = plan%processes(i)
          requests(i) = scaled_request(plan%processes(i))
-         n_parts(i) = count_parts(requests(i))
+         n_parts(i) = count_search_parts(requests(i))
       end do
       first = first_of_fit(plan%processes)
       owner = -1
@@ -166,7 +166,7 @@ contains
       logical, intent(in) :: stops   !! true if this rank has an error: no part is begun
       logical, intent(in) :: is_quiet
       type(process_model_type), intent(out) :: model
-      type(search_result) :: search          ! parts of this rank
+      type(sign_search_result) :: search          ! parts of this rank
       type(work_counter) :: counter
       type(progress_type) :: progress
       real(wp), allocatable :: numbers(:)    ! numbers of the sequences that are solutions
@@ -193,7 +193,7 @@ contains
       call world%join(numbers)
       if (.not. world%is_root()) return
       call restore_search(constraint_of(request), sums, numbers, search)
-      call fit_from_search(request, search, model)
+      call fit_from_sign_search(request, search, model)
       model%seconds = search%seconds
       call check_inversion(model)
    end subroutine search_together

@@ -9,7 +9,7 @@ module campaign_sample
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use dynamics_joint, only: close_account
+   use dynamics_joint, only: count_open_slips
    use dynamics_response, only: block_state, start_block, stored_energy
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -125,7 +125,7 @@ contains
 
       march%is_measuring = .true.
       associate (state => march%state)
-         call close_account(runner%plan%structure, state%step*runner%plan%integration%dt, state)
+         call count_open_slips(runner%plan%structure, state%step*runner%plan%integration%dt, state)
          state%slip_time = 0.0_wp
          state%slip_distance = 0.0_wp
          state%slip_starts = 0
@@ -245,7 +245,7 @@ contains
       associate (integration => runner%plan%integration, slip_time => march%state%slip_time)
          if (step < end_of_span(integration, march%span)) return
          first = end_of_span(integration, march%span - 1)
-         call close_account(runner%plan%structure, step*integration%dt, march%state)
+         call count_open_slips(runner%plan%structure, step*integration%dt, march%state)
          if (allocated(result%slip_series)) &
             result%slip_series(:, march%span, :) = (slip_time - march%slip_before) &
                                                    /((step - first)*integration%dt)

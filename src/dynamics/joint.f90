@@ -11,7 +11,7 @@ module dynamics_joint
    implicit none(type, external)
    private
    public :: jenkins_force, slip_direction, slider_at
-   public :: enter_transition, close_account
+   public :: enter_transition, count_open_slips
 
 contains
 
@@ -70,7 +70,7 @@ contains
    end subroutine enter_transition
 
    !> Counts the present slips up to now, before slip times and distances are read.
-   pure subroutine close_account(structure, time, state)
+   pure subroutine count_open_slips(structure, time, state)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: time   !! [s]
       type(block_state), intent(inout) :: state
@@ -83,7 +83,7 @@ contains
                                                            state%displacement(:, w)), 1.0_wp)
          end do
       end do
-   end subroutine close_account
+   end subroutine count_open_slips
 
    !> Counts a slip from its start, or from when it was last counted, to now. A joint slips in one
    !> direction in between, so that |change of w.x| is the distance.

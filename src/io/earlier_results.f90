@@ -14,7 +14,7 @@ module io_earlier_results
    use io_shards, only: finished_samples, shard_type
    implicit none(type, external)
    private
-   public :: check_replaceable, inspect_results, stored_in_results
+   public :: check_replaceable, count_stored_samples, stored_in_results
    public :: case_errors, read_errors
 
    !> End of an error of a damaged file.
@@ -83,7 +83,7 @@ contains
 
    !> Finds the numbers of samples of the cases, then of their audits, in a results file. Reads the
    !> whole file; refuses one of another scene or program, and a damaged one.
-   subroutine inspect_results(path, identity, n_samples, error)
+   subroutine count_stored_samples(path, identity, n_samples, error)
       character(*), intent(in) :: path
       type(identity_type), intent(in) :: identity
       !> (cases, then their audits); unallocated if there is no file
@@ -121,11 +121,11 @@ contains
       end do
       call file%abandon()
       if (.not. allocated(error)) call move_alloc(found, n_samples)
-   end subroutine inspect_results
+   end subroutine count_stored_samples
 
    !> Ranges of samples of a results file, except those that shards have whole.
    function stored_in_results(n_samples, together, shards) result(stored)
-      integer, intent(in) :: n_samples(:)   !! (cases, then their audits), see inspect_results
+      integer, intent(in) :: n_samples(:)   !! (cases, then their audits), see count_stored_samples
       integer, intent(in) :: together       !! largest number of samples in a range
       type(shard_type), intent(in) :: shards(:)
       type(shard_type), allocatable :: stored(:)

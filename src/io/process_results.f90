@@ -210,7 +210,7 @@ contains
    end subroutine store_process
 
    !> Reads the processes that a store or an earlier results file has. Refuses a damaged file of the
-   !> store, and one of another scene or program; inspect_results has checked the results file.
+   !> store, and one of another scene or program; count_stored_samples has checked the results file.
    subroutine read_stored_processes(store, models, is_kept, error)
       type(shard_store), intent(in) :: store
       type(process_model_type), intent(inout) :: models(:)   !! (process), their requests known

@@ -8,18 +8,18 @@ module numerics_constrained_maximum
    use numerics_lapack, only: solve_positive_definite, unit_matrix
    implicit none(type, external)
    private
-   public :: objective_type, search_result, maximize, projected_gradient, restore_constraints, &
+   public :: objective_type, maximum_result, maximize, projected_gradient, restore_constraints, &
              step_to_maximum
 
    !> Result of a search.
-   type :: search_result
+   type :: maximum_result
       logical :: is_converged = .false.
       real(wp) :: violation = huge(1.0_wp)      !! largest constraint in magnitude
       real(wp) :: residual = 0.0_wp             !! largest component of the Lagrangian's gradient
       real(wp), allocatable :: jacobian(:, :)   !! (constraint, variable) of the last differences
       real(wp), allocatable :: multipliers(:)   !! (constraint) d maximum/d constraint
       real(wp), allocatable :: metric(:, :)     !! inverse Hessian of the Lagrangian, by BFGS
-   end type search_result
+   end type maximum_result
 
    !> Function to be maximized and the point of its search; extend it with the data of the problem.
    !>
@@ -28,7 +28,7 @@ module numerics_constrained_maximum
    type, abstract :: objective_type
       real(wp), allocatable :: point(:)
       integer :: n_constraints = 0
-      type(search_result) :: found   !! result of the last search
+      type(maximum_result) :: found   !! result of the last search
    contains
       procedure(evaluate_objective), deferred :: evaluate
       procedure(gain_of_objective), deferred :: gain
@@ -69,7 +69,7 @@ contains
       logical :: is_inside, is_regular
 
       call move_alloc(objective%found%metric, metric)
-      objective%found = search_result()
+      objective%found = maximum_result()
       objective%found%metric = unit_matrix(size(change))
       if (allocated(metric)) then
          if (size(metric, 1) == size(change)) objective%found%metric = metric
@@ -148,7 +148,7 @@ contains
 
    !> Adds to a step the shortest one, in the metric, that makes the linearized constraints zero.
    subroutine correct_step(found, constraints, change, is_regular)
-      type(search_result), intent(in) :: found
+      type(maximum_result), intent(in) :: found
       real(wp), intent(in) :: constraints(:)
       real(wp), intent(inout) :: change(:)
       logical, intent(out) :: is_regular

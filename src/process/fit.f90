@@ -5,7 +5,7 @@ module process_fit
    use core_text, only: to_text
    use process_direct_fit, only: conclude_direct, fit_unconstrained
    use process_direct_limits, only: certainly_feasible_m_max, check_sign_count
-   use process_direct_sign_search, only: search_result
+   use process_direct_sign_search, only: sign_search_result
    use process_model, only: process_model_type, process_request
    use process_order, only: choose_order, fit_positive_order
    use process_positive_fit, only: fit_positive, predict_positive
@@ -14,7 +14,7 @@ module process_fit
    use process_scaling, only: scale_to_request, scaled_request
    implicit none(type, external)
    private
-   public :: fit_process, fit_from_search, predict_process
+   public :: fit_process, fit_from_sign_search, predict_process
 
 contains
 
@@ -51,14 +51,14 @@ contains
    end subroutine fit_process
 
    !> Fits a process of the direct method by the result of a complete search for its signs.
-   subroutine fit_from_search(request, search, model)
+   subroutine fit_from_sign_search(request, search, model)
       type(process_request), intent(in) :: request
-      type(search_result), intent(in) :: search
+      type(sign_search_result), intent(in) :: search
       type(process_model_type), intent(out) :: model
 
       call conclude_direct(request, search, model)
       call check_simulation(model)
-   end subroutine fit_from_search
+   end subroutine fit_from_sign_search
 
    !> Refuses a process whose memory is too long for the matrix of Eq. (38), if that is asked for.
    subroutine check_simulation(model)

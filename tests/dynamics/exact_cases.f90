@@ -7,7 +7,7 @@ module exact_cases
    use structure_model, only: structure_type
    use dynamics_exact_march, only: exact_march, fewest_parts, new_exact_march
    use dynamics_exact_series_form, only: new_series_form, series_form
-   use dynamics_joint, only: close_account
+   use dynamics_joint, only: count_open_slips
    use dynamics_response, only: block_state, start_block
    use reference_case, only: paper_chain
    implicit none(type, external)
@@ -41,7 +41,7 @@ contains
       if (.not. allocated(error) .and. present(in_fewest_parts)) call use_fewest_parts(marcher)
       if (.not. allocated(error)) call marcher%advance(state, force, spacing, history, error=error)
       if (allocated(error)) history = huge(1.0_wp)
-      call close_account(structure, state%step*dt, state)
+      call count_open_slips(structure, state%step*dt, state)
    end subroutine march
 
    !> Makes a march use power series in the fewest parts of a step, even if that is more work.

@@ -6,7 +6,7 @@
 module dynamics_newmark_block
    use core_kinds, only: long, two_pi, wp
    use dynamics_alignment, only: aligned_memory
-   use dynamics_joint, only: close_account, enter_transition, slider_at
+   use dynamics_joint, only: count_open_slips, enter_transition, slider_at
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
@@ -131,7 +131,7 @@ contains
          end associate
       end do
       state%step = state%step + ubound(block%force, 1)
-      call close_account(block%frame%structure, state%step*block%dt, state)
+      call count_open_slips(block%frame%structure, state%step*block%dt, state)
       if (.not. state%keeps_ledger) return
       state%work_input = state%work_input + block%work(1, :)
       state%work_viscous = state%work_viscous + block%work(2, :)

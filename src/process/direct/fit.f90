@@ -16,12 +16,12 @@ module process_direct_fit
    use process_direct_limits, only: certainly_infeasible_m_max, check_sign_count, &
                                     reason_of_failure, reason_of_inaccuracy
    use process_direct_sign_search, only: count_sequences, is_all_plus_best, limit_of_entropy, &
-                                         search_all_signs, search_result, search_structured
+                                         search_all_signs, sign_search_result, search_structured
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: inversion_check, process_model_type, process_request
    implicit none(type, external)
    private
-   public :: fit_direct, fit_unconstrained, count_parts, conclude_direct, check_by_inversion
+   public :: fit_direct, fit_unconstrained, count_search_parts, conclude_direct, check_by_inversion
    public :: integer_signs, list_solutions, mirror_image, canonical_image
 
    character(*), parameter :: every_sequence = 'all sequences'
@@ -55,7 +55,7 @@ contains
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
       type(length_constraint) :: constraint
-      type(search_result) :: search
+      type(sign_search_result) :: search
       character(:), allocatable :: searched
       logical :: is_certain
 
@@ -75,7 +75,7 @@ contains
    end subroutine fit_direct
 
    !> Number of parts into which the search of a request should be divided; 1 if it is short.
-   integer function count_parts(request) result(n)
+   integer function count_search_parts(request) result(n)
       type(process_request), intent(in) :: request
       integer, parameter :: part_size = 1024   ! sequences, in some 0.05 s
       character(:), allocatable :: complaint
@@ -87,13 +87,13 @@ contains
       if (allocated(complaint)) return
       if (request%order <= certainly_infeasible_m_max(request)) return
       n = int(max(1_long, count_sequences(constraint_of(request))/part_size))
-   end function count_parts
+   end function count_search_parts
 
    !> Fills the model from the search of all sequences. If parts are missing, it stays unsolved,
    !> without a reason.
    subroutine conclude_direct(request, search, model)
       type(process_request), intent(in) :: request
-      type(search_result), intent(in) :: search
+      type(sign_search_result), intent(in) :: search
       type(process_model_type), intent(inout) :: model
 
       model%request = request
@@ -105,7 +105,7 @@ contains
    !> reason why there is none.
    subroutine describe_best(request, search, searched, is_certain, model)
       type(process_request), intent(in) :: request
-      type(search_result), intent(in) :: search
+      type(sign_search_result), intent(in) :: search
       character(*), intent(in) :: searched   !! sequences that were searched
       logical, intent(in) :: is_certain   !! no sequence has more entropy
       type(process_model_type), intent(inout) :: model
@@ -148,7 +148,7 @@ contains
    subroutine search_signs(constraint, all_signs, search, is_certain, searched)
       type(length_constraint), intent(in) :: constraint
       logical, intent(in) :: all_signs
-      type(search_result), intent(out) :: search
+      type(sign_search_result), intent(out) :: search
       logical, intent(out) :: is_certain   !! no sequence has more entropy
       character(:), allocatable, intent(out) :: searched   !! sequences that were searched
       integer(long), parameter :: most_sequences = 2048   ! in a fraction of a second

@@ -7,7 +7,7 @@ module process_direct_limits
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use process_direct_constraint, only: constraint_of, length_constraint
-   use process_direct_sign_search, only: count_sequences, search_all_signs, search_result
+   use process_direct_sign_search, only: count_sequences, search_all_signs, sign_search_result
    use process_model, only: process_request
    implicit none(type, external)
    private
@@ -95,7 +95,7 @@ contains
       integer, parameter :: most_sequences = 256
       type(process_request) :: trial
       type(length_constraint) :: constraint
-      type(search_result) :: search
+      type(sign_search_result) :: search
       integer :: enough
 
       enough = certainly_feasible_m_max(request)
@@ -106,7 +106,7 @@ contains
          constraint = constraint_of(trial)
          is_smallest = count_sequences(constraint) <= most_sequences
          if (.not. is_smallest) exit
-         search = search_result()
+         search = sign_search_result()
          call search_all_signs(constraint, 1, 1, search)
          if (size(search%solutions) > 0) return
       end do

@@ -15,16 +15,16 @@ module process_direct_sign_search
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
    implicit none(type, external)
    private
-   public :: search_result, count_sequences, search_all_signs, restore_search, search_structured, &
-             is_all_plus_best, limit_of_entropy, sequence_signs
+   public :: sign_search_result, count_sequences, search_all_signs, restore_search, &
+             search_structured, is_all_plus_best, limit_of_entropy, sequence_signs
 
    !> Result of a search, or of a part of one.
-   type :: search_result
+   type :: sign_search_result
       integer(long) :: n_examined = 0     !! number of sequences
       integer(long) :: n_consistent = 0   !! solutions whose K(m) have the signs s_m
       real(wp) :: seconds = 0.0_wp        !! CPU time, if the caller measures it
       type(sequence_solution), allocatable :: solutions(:)   !! consistent, best first
-   end type search_result
+   end type sign_search_result
 
    integer, parameter, public :: max_listed = 100   !! solutions that are kept
    real(wp), parameter :: rounding = 1.0e-11_wp     !! rounding of an entropy [nat]
@@ -50,7 +50,7 @@ contains
    subroutine search_all_signs(constraint, part, n_parts, search)
       type(length_constraint), intent(in) :: constraint
       integer, intent(in) :: part, n_parts   !! part = 1..n_parts
-      type(search_result), intent(inout) :: search   !! new or with other parts
+      type(sign_search_result), intent(inout) :: search   !! new or with other parts
       type(sequence_solution), allocatable :: solutions(:)
       type(sequence_solution) :: solution
       integer(long) :: first, index, n_longer, n
@@ -79,7 +79,7 @@ contains
       type(length_constraint), intent(in) :: constraint
       real(wp), intent(in) :: sums(3)      !! examined, consistent, seconds; exact up to 2**53
       real(wp), intent(in) :: numbers(:)   !! numbers of the sequences
-      type(search_result), intent(out) :: search
+      type(sign_search_result), intent(out) :: search
       integer :: i
 
       search%n_examined = nint(sums(1), long)

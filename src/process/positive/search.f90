@@ -14,7 +14,7 @@ module process_positive_search
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream
    use core_text, only: rounded_text, to_text
-   use numerics_constrained_maximum, only: search_result
+   use numerics_constrained_maximum, only: maximum_result
    use process_direct_sign_sequence, only: sequence_solution
    use process_model, only: process_request
    use process_positive_family, only: by_coefficients, by_precision, by_symbol, by_reflection
@@ -91,7 +91,7 @@ contains
             search%point = [search%family%start, asinh(mu/b0*(1.0_wp + sum(problem%companion)) &
                                                        **merge(2, 1, problem%is_exact))]
          end associate
-         search%found = search_result()
+         search%found = maximum_result()
          search%last%moments%std = 0.0_wp   ! not known yet
          search%centre = request%mean/b0
          call search%set_burn_in()
@@ -224,7 +224,7 @@ contains
       real(wp), intent(in) :: start, wanted
       real(wp), intent(out) :: limit   !! largest std/mean of a maximum; 0: none was found
       real(wp), parameter :: first_step = 0.08_wp, least_step = 0.004_wp   ! relative
-      type(search_result) :: before
+      type(maximum_result) :: before
       real(wp), allocatable :: reached(:)
       integer, allocatable :: faces(:)
       real(wp) :: growth, step
