@@ -37,7 +37,7 @@ module core_openblas
 contains
 
    !> Restarts the program, before it has done anything, if OpenBLAS needs other settings than it
-   !> was loaded with. Settings of the user stay. The process number stays the same.
+   !> was loaded with. Kernels that the user has chosen stay, and so does the process number.
    subroutine restart_for_openblas()
       logical :: is_changed
 
