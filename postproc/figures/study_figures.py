@@ -205,6 +205,7 @@ def _number(axes: Axes, marks: Sequence[_Marks]) -> None:
                 )  # fmt: skip
             else:
                 name.set_text(f"{name.get_text()}, {joint}")
+                name.xy = max(name.xy, (x[joint - 1], y[joint - 1]))  # beside the right one
             placed.append((joint, here, name))
 
 
