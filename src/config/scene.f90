@@ -127,11 +127,13 @@ contains
       integer :: i
 
       scene%unused = reader%unused
-      do i = 1, size(motion_groups)
-         if (reader%find_group(trim(motion_groups(i) (2:))) > 0 .and. .not. scene%has_motion()) &
-            scene%unused = [character(80) :: scene%unused, motion_groups(i)]
-      end do
-      if (.not. scene%has_motion()) return
+      if (.not. scene%has_motion()) then
+         do i = 1, size(motion_groups)
+            if (reader%find_group(trim(motion_groups(i) (2:))) > 0) &
+               scene%unused = [character(80) :: scene%unused, motion_groups(i)]
+         end do
+         return
+      end if
       if (reader%was_given('chain', 'friction') .and. .not. scene%runs_deterministic()) &
          scene%unused = [character(80) :: scene%unused, 'chain%friction']
       if (any([(reader%was_given('process', 'n_points', i), i=1, size(scene%processes))])) &

@@ -48,17 +48,18 @@ contains
       logical :: is_remainder
 
       if (.not. exists(path)) return
-      is_remainder = is_damaged(path)   ! if it cannot be opened
-      if (.not. is_hdf5_file(path)) then
-         if (.not. (takes_damaged .and. is_remainder)) call refuse_foreign(path, error)
-         return
-      end if
       call open_hdf5(path, file, error)
       if (.not. allocated(error)) then
          call require_command(file, command, error)
          call file%abandon()
-      else if (takes_damaged .and. is_remainder) then
+         return
+      end if
+      is_remainder = takes_damaged
+      if (takes_damaged) is_remainder = is_damaged(path)
+      if (is_remainder) then
          deallocate (error)
+      else if (.not. is_hdf5_file(path)) then
+         call refuse_foreign(path, error)
       end if
    end subroutine check_replaceable
 

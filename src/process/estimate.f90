@@ -199,12 +199,14 @@ contains
       real(wp), allocatable :: kappa(:)
       integer :: i, k
 
-      allocate (trials(0), trial%correlation(0:n_lags))
+      trial%order = 1
+      allocate (trial%correlation(0:n_lags), source=0.0_wp)
+      trial%correlation(0) = 1.0_wp
+      trials = [trial]
       do i = 1, size(orders)
          trial%order = orders(i)
-         do k = merge(-1, 0, i == 1), nint(lengths_per_decade*log10(longest/shortest))
+         do k = 0, nint(lengths_per_decade*log10(longest/shortest))
             trial%l0 = shortest*10.0_wp**(real(k, wp)/lengths_per_decade)
-            if (k < 0) trial%l0 = 0.0_wp   ! white noise
             call optimal_reflection(process_request(correlation_length=trial%l0, &
                                                     order=trial%order), kappa, error)
             if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
