@@ -17,6 +17,7 @@ SESSIONS = tempfile.TemporaryDirectory(prefix="ompi-")
 ENVIRONMENT = os.environ | {
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "OMPI_MCA_mpi_yield_when_idle": "1",  # a rank that waits leaves its core to the other tests
     "OMPI_MCA_orte_tmpdir_base": SESSIONS.name,
 }
 
