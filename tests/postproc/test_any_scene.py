@@ -24,7 +24,7 @@ ALONG = {f"along_{name}" for name in ("slip", "power", "distance", "displacement
 
 SCENES = {
     "some processes refused": (
-        "&process correlation_length = 0.0, 0.3 order = 2 mean = 1.0 std = 0.5, 1.2"
+        "&process correlation_length = 0.0, 0.3 order = 1 mean = 1.0 std = 0.5, 0.9, 1.2"
         " sampler = 'exact' /\n",
         {"positive"},
     ),
