@@ -115,7 +115,8 @@ contains
       group%path(:, 0) = group%slider + group%direction*group%reach
    end subroutine apply_response
 
-   !> Copies lanes, joints, paths and regimes of the candidates.
+   !> Copies lanes, joints, paths and regimes of the candidates, one candidate after another: as
+   !> vectors, their addresses take longer than the copies.
    pure subroutine load_candidates(degree, paths, list, group)
       integer, value :: degree
       type(joint_paths), intent(in) :: paths
@@ -124,6 +125,7 @@ contains
       integer :: e, k
 
       group%n = size(list)
+      !GCC$ novector
       do e = 1, group%n
          group%candidate(e) = list(e)
          group%lane(e) = 1 + iand(list(e) - 1, width - 1)
@@ -141,12 +143,14 @@ contains
       group%time = 0.0_wp
    end subroutine load_candidates
 
-   !> Copies the regimes of the candidates' joints, and stiffness and N_1 .. N_4 of their rows.
+   !> Copies the regimes of the candidates' joints, and stiffness and N_1 .. N_4 of their rows, as
+   !> load_candidates does.
    pure subroutine load_regimes(paths, group)
       type(joint_paths), intent(in) :: paths
       type(transition_group), intent(inout) :: group
       integer :: e
 
+      !GCC$ novector
       do e = 1, group%n
          associate (l => group%lane(e), j => group%joint(e), row => group%row(e))
             group%slider(e) = paths%regime(l, j, regime_slider)
