@@ -4,14 +4,13 @@ module dynamics_exact_base_system
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use dynamics_exact_joint_paths, only: joint_paths, regime_side, width
+   use dynamics_exact_joint_paths, only: joint_paths, width
    use dynamics_exact_transitions, only: transition_group
-   use dynamics_joint, only: enter_transition, slip_direction
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: base_system, raise_too_many, switch_joint
+   public :: base_system, raise_too_many
 
    !> A form of the equations of motion, for parts of length h.
    type, abstract :: base_system
@@ -82,23 +81,6 @@ module dynamics_exact_base_system
    end interface
 
 contains
-
-   !> Switches a joint between stick and slip, in the regimes of its lane and in the state.
-   subroutine switch_joint(base, lane, joint, time, place, velocity, state)
-      class(base_system), intent(inout) :: base
-      integer, intent(in) :: lane, joint
-      real(wp), intent(in) :: time       !! [parts]
-      real(wp), intent(in) :: place      !! w.x [m]
-      real(wp), intent(in) :: velocity   !! w.v in any unit: its sign is the direction of a new slip
-      type(block_state), intent(inout) :: state
-      integer :: direction, side   ! direction of the new slip or 0; of the slip that ends or starts
-
-      side = nint(base%paths%regime(lane, joint, regime_side))
-      direction = merge(side, slip_direction(velocity), side /= 0)
-      call base%paths%switch(lane, joint, direction, place)
-      call enter_transition(state, joint, base%paths%first_sample + lane - 1, time*base%h, place, &
-                            merge(0, direction, side /= 0))
-   end subroutine switch_joint
 
    !> Raises the error of a joint that switches too often in one part.
    pure subroutine raise_too_many(base, joint, lane, begin, error)

@@ -3,7 +3,7 @@
 module dynamics_exact_block_march
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use dynamics_exact_base_system, only: base_system, raise_too_many, switch_joint
+   use dynamics_exact_base_system, only: base_system, raise_too_many
    use dynamics_exact_joint_paths, only: joint_paths, width
    use dynamics_exact_transitions, only: clear, examine, find_next, group_size, plain, &
                                          apply_response, load_candidates, transition_group
@@ -261,8 +261,9 @@ contains
       type(block_state), intent(inout) :: state
 
       call base%add_transition(group, entry)
-      call switch_joint(base, group%lane(entry), group%joint(entry), begin + group%time(entry), &
-                        group%place(entry), group%direction(entry), state)
+      call base%paths%switch(group%lane(entry), group%joint(entry), &
+                             (begin + group%time(entry))*base%h, group%place(entry), &
+                             group%direction(entry), state)
    end subroutine make_transition
 
    !> Makes all transitions of a local joint in the part, one after another.

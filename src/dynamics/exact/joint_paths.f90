@@ -2,7 +2,7 @@
 !> Either form of the exact march fills them; transitions are found from them.
 module dynamics_exact_joint_paths
    use core_kinds, only: long, wp
-   use dynamics_joint, only: slider_at
+   use dynamics_joint, only: enter_transition, slider_at, slip_direction
    use dynamics_alignment, only: aligned_memory
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
@@ -185,24 +185,27 @@ contains
       end do
    end subroutine store_sliders
 
-   !> Switches a joint: a stuck one slips in a direction, one that slipped in it sticks. Without
+   !> Switches a joint between stick and slip, in the regimes of its lane and in the state. Without
    !> branches, as slips start as often as they end.
-   pure subroutine switch(self, lane, joint, direction, place)
+   pure subroutine switch(self, lane, joint, time, place, velocity, state)
       class(joint_paths), intent(inout) :: self
       integer, intent(in) :: lane, joint
-      integer, intent(in) :: direction   !! +1 or -1
-      real(wp), intent(in) :: place      !! w.x at the transition [m]
-      real(wp) :: reach, side   ! side: direction of the new slip, 0 if it sticks
-      integer :: j, row
+      real(wp), intent(in) :: time       !! [s]
+      real(wp), intent(in) :: place      !! w.x [m]
+      real(wp), intent(in) :: velocity   !! w.v in any unit: its sign is the direction of a new slip
+      type(block_state), intent(inout) :: state
+      integer :: after, before   ! direction of the slip that starts and that ends; 0: none
+      integer :: j, row, sample
 
-      associate (regime => self%regime)
-         side = direction*(1.0_wp - abs(regime(lane, joint, regime_side)))
-         reach = regime(lane, joint, regime_reach)
-         regime(lane, joint, regime_slider) = merge(regime(lane, joint, regime_slider), &
-                                                    slider_at(place, direction, reach), &
-                                                    abs(side) > 0.0_wp)
-         regime(lane, joint, regime_side) = side
+      sample = self%first_sample + lane - 1
+      before = state%direction(joint, sample)
+      after = slip_direction(velocity)*(1 - abs(before))
+      associate (slider => self%regime(lane, joint, regime_slider), &
+                 reach => self%regime(lane, joint, regime_reach))
+         slider = merge(slider, slider_at(place, before, reach), after /= 0)
       end associate
+      self%regime(lane, joint, regime_side) = after
+      call enter_transition(state, joint, sample, time, place, after)
       row = self%row(joint)
       self%stiffness(lane, row) = self%base(row)
       self%pull(lane, row) = 0.0_wp

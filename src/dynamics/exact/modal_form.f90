@@ -8,7 +8,7 @@
 module dynamics_exact_modal_form
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use dynamics_exact_base_system, only: base_system, raise_too_many, switch_joint
+   use dynamics_exact_base_system, only: base_system, raise_too_many
    use dynamics_exact_free_steps, only: find_candidates
    use dynamics_exact_guard_zeros, only: no_zero
    use dynamics_exact_joint_paths, only: regime_side, regime_spring, width
@@ -255,8 +255,8 @@ contains
                call one%move_on(span)
                do j = 1, m
                   if (one%next_zero(j) > span + same_instant) cycle
-                  call switch_joint(self, lane, j, begin + 1.0_wp - one%time_left, one%path(j, 0), &
-                                    one%path(j, 1), state)
+                  call self%paths%switch(lane, j, (begin + 1.0_wp - one%time_left)*self%h, &
+                                         one%path(j, 0), one%path(j, 1), state)
                   call self%sliders%switch(g, j)
                   call one%switch_slider(self%operators, j, self%paths%regime(lane, j, :))
                end do

@@ -7,7 +7,7 @@
 module dynamics_exact_series_form
    use core_error, only: error_type
    use core_kinds, only: wp
-   use dynamics_exact_base_system, only: base_system, raise_too_many, switch_joint
+   use dynamics_exact_base_system, only: base_system, raise_too_many
    use dynamics_exact_free_steps, only: expand_series, find_candidates, find_link_paths
    use dynamics_exact_guard_zeros, only: first_transition, no_zero
    use dynamics_exact_joint_paths, only: local_responses, regime_reach, regime_side, &
@@ -252,8 +252,8 @@ contains
                               abs(self%paths%regime(l, j, regime_side)) > 0.0_wp
             if (next_zero(l, j) > span(l) + same_instant) cycle
             associate (row => self%series%row(j), layer => self%paths%layer, x => self%paths%x)
-               call switch_joint(self, l, j, begin + now(l), x(l, row, layer(0)), &
-                                 x(l, row, layer(1)), state)
+               call self%paths%switch(l, j, (begin + now(l))*self%h, x(l, row, layer(0)), &
+                                      x(l, row, layer(1)), state)
                if (has_stuck(l, j) .and. row <= self%series%n_dof) x(l, row, layer(1)) = 0.0_wp
             end associate
          end do
