@@ -15,13 +15,14 @@ module process_positive_family
    public :: is_confined_law, is_confined_sequence
 
    real(wp), parameter :: largest_kappa = 1.0_wp - 1.0e-6_wp
-   real(wp), parameter :: margin = 1.0e-5_wp   !! distance of a face from the end of the domain
+   real(wp), parameter :: outside = 40.0_wp   !! beyond any process, without overflow
+   real(wp), parameter :: margin = 1.0e-5_wp   !! least of the sums in `couplings`
    !> golden section, whose multiples are spread evenly modulo 1
    real(wp), parameter :: golden = 0.61803398874989485_wp
 
    !> Kinds of points, each followed by asinh of the field: (ln factor of a symbol, its free s_m),
-   !> atanh(kappa_1..kappa_order), asinh(a_1..a_order), asinh(G_1..G_order over G_0). A Gaussian
-   !> process need not exist for the last two, and coefficients may grow without bound as b0 does.
+   !> atanh(kappa_1..kappa_order), and u_1..u_order of a_q or of 2 G_m/G_0, see `couplings`. A
+   !> Gaussian process need not exist for the last two.
    integer, parameter :: by_symbol = 1, by_reflection = 2, by_coefficients = 3, by_precision = 4
 
    !> Kind of the points, and what they leave fixed.
@@ -33,16 +34,12 @@ module process_positive_family
       !> by_symbol: s_m, Eq. (30), and the lags whose s_m are unknowns
       real(wp), allocatable :: s(:)
       integer, allocatable :: free_lags(:)
-      !> by_coefficients, by_precision: lags, ascending, on whose face the point lies: values so far
-      !> apart are at the limit of growing together. Their coefficients follow from the others.
-      integer, allocatable :: faces(:)
    contains
       procedure :: is_near_start
       procedure :: is_weakly_correlated
       procedure :: signs_at
       procedure :: set_free_lags
-      procedure :: add_face
-      procedure :: face_distances
+      procedure :: point_of_order_1
       procedure :: set_parameters
    end type parameter_family
 
@@ -64,23 +61,19 @@ contains
       real(wp), intent(in) :: point(:)
       type(law_estimate), intent(inout) :: law   !! a_q, G and field are set
       logical, intent(out) :: is_inside          !! false: there is no process
-      real(wp), parameter :: outside = 40.0_wp   ! beyond any process, without overflow
       real(wp), allocatable :: a(:)
       real(wp) :: kappa(size(law%g) - 1), unused
       logical :: is_positive
 
       law%field = sinh(max(-outside, min(point(size(point)), outside)))
       is_inside = abs(law%field) < 1.0e6_wp
-      if (size(self%faces) > 0) is_inside = is_inside .and. law%field < 0.0_wp   ! or they grow
       select case (self%kind)
       case (by_precision)
-         law%g(:) = [1.0_wp, 0.5_wp*couplings(self, point)]
-         is_inside = is_inside .and. all(self%face_distances(point) > 0.0_wp)
+         law%g(:) = [1.0_wp, 0.5_wp*couplings(point(:size(kappa)))]
          if (is_inside) is_inside = is_confined_law(law%g)
          return
       case (by_coefficients)
-         law%a = couplings(self, point)
-         is_inside = is_inside .and. all(self%face_distances(point) > 0.0_wp)
+         law%a = couplings(point(:size(kappa)))
          if (is_inside) is_inside = is_confined_sequence(law%a)
       case default
          if (self%kind == by_symbol) then
@@ -140,50 +133,36 @@ contains
       point = [point(1), self%s(lags), point(size(point))]
    end subroutine set_free_lags
 
-   !> Puts a point onto the face of a lag: its coefficient then follows from the others.
-   pure subroutine add_face(self, lag, point)
-      class(parameter_family), intent(inout) :: self   !! by_coefficients or by_precision
-      integer, intent(in) :: lag
-      real(wp), allocatable, intent(inout) :: point(:)
-      integer :: i
+   !> Point, without the field, of the process of order 1 with this -a_1 or -G_1/G_0.
+   pure function point_of_order_1(self, r, order) result(point)
+      class(parameter_family), intent(in) :: self   !! not by_symbol
+      real(wp), intent(in) :: r
+      integer, intent(in) :: order
+      real(wp) :: point(order)
 
-      i = count(self%faces < lag)
-      point = [point(:lag - i - 1), point(lag - i + 1:)]
-      self%faces = [self%faces(:i), lag, self%faces(i + 1:)]
-   end subroutine add_face
+      if (self%kind == by_reflection) then
+         point = 0.0_wp
+         point(1) = atanh(-r)
+      else
+         point = 1.0_wp
+         point(1) = 1.0_wp - merge(2.0_wp, 1.0_wp, self%kind == by_precision)*r
+         point = asinh(sqrt(point - margin))
+      end if
+   end function point_of_order_1
 
-   !> a_q or (by_precision) 2 G_m/G_0 at a point, lags 1..order.
-   pure function couplings(family, point) result(all_lags)
-      type(parameter_family), intent(in) :: family
-      real(wp), intent(in) :: point(:)
-      real(wp), allocatable :: all_lags(:)
-      integer :: i
-
-      all_lags = merge(2.0_wp, 1.0_wp, family%kind == by_precision)*sinh(point(:size(point) - 1))
-      do i = 1, size(family%faces)
-         associate (p => family%faces(i))
-            all_lags = [all_lags(:p - 1), 0.0_wp, all_lags(p:)]
-         end associate
-      end do
-      do i = size(family%faces), 1, -1
-         associate (p => family%faces(i))
-            all_lags(p) = margin - 1.0_wp - sum(all_lags(2*p::p))
-         end associate
-      end do
-   end function couplings
-
-   !> Distance to the face of each lag p, on which values p apart, with all others near 0, start to
-   !> drive each other to infinity: 1 + a_p + a_2p + ...
-   pure function face_distances(self, point)
-      class(parameter_family), intent(in) :: self   !! by_coefficients or by_precision
-      real(wp), intent(in) :: point(:)
-      real(wp), allocatable :: face_distances(:)
+   !> a_q or 2 G_m/G_0. Values p apart, with all others near 0, drive each other to infinity unless
+   !> 1 + a_p + a_2p + ... is positive: it is `margin` + sinh(u_p)^2. The maximum often lies at
+   !> u_p = 0, or at coefficients that grow as b0 does.
+   pure function couplings(u) result(coupling)
+      real(wp), intent(in) :: u(:)
+      real(wp) :: coupling(size(u))
       integer :: p
 
-      associate (coupling => couplings(self, point))
-         face_distances = [(1.0_wp + sum(coupling(p::p)) - 0.5_wp*margin, p=1, size(coupling))]
-      end associate
-   end function face_distances
+      do p = size(u), 1, -1
+         coupling(p) = margin + sinh(max(-outside, min(u(p), outside)))**2 - 1.0_wp &
+                       - sum(coupling(2*p::p))
+      end do
+   end function couplings
 
    !> True if the sequential law stays finite: x_n = max(0, - sum a_q x_(n-q)) does not grow.
    pure logical function is_confined_sequence(a) result(is_so)

@@ -18,7 +18,7 @@ module process_positive_fit
    use process_positive_kernel, only: first_order_law
    use process_positive_objective, only: sampled_objective
    use process_positive_refinement, only: refine, shape_uncertainty
-   use process_positive_search, only: follow_alternating, follow_unconstrained
+   use process_positive_search, only: follow_from_order_1, follow_unconstrained
    use process_positive_sign_search, only: multipliers_of, search_signs
    use process_positive_signs, only: search_finer
    implicit none(type, external)
@@ -98,6 +98,7 @@ contains
       type(process_model_type) :: other
       type(error_type), allocatable :: failure
       type(sampled_objective) :: search
+      real(wp) :: unused
 
       other = model
       if (request%method == 'direct') then
@@ -111,7 +112,7 @@ contains
       end if
       if (.not. may_search_alternating(request, search, error)) return
       search%effort = 0.0_wp
-      call follow_alternating(request, seed, search, failure)
+      call follow_from_order_1(request, seed, .true., search, unused, failure)
       if (.not. allocated(failure)) call finish_fit(request, search, other, failure)
       if (allocated(failure)) then
          if (allocated(error)) error%message = error%message//'; '//failure%message
@@ -156,9 +157,10 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: quick_effort(2) = [2.0e8_wp, 1.5e8_wp]   ! sequential, exact: 1 to 2 s
       type(sampled_objective) :: search
-      type(first_order_law) :: unused
+      type(first_order_law) :: first_order
       type(process_request) :: one
       type(error_type), allocatable :: refusal
+      real(wp) :: unused
       real(wp), allocatable :: state(:)
       logical :: has_first_order, has_others, is_exact, is_feasible, is_inside
 
@@ -174,7 +176,7 @@ contains
       one%branch = 'nonnegative'
       has_first_order = is_first_order(one)
       if (has_first_order) then
-         call match_first_order(one, unused, refusal)
+         call match_first_order(one, first_order, refusal)
          has_first_order = .not. allocated(refusal)
       end if
       ! with branch = 'nonnegative' some K(m) may be 0 at the maximum, which a short search can miss
@@ -188,7 +190,7 @@ contains
                       was_searched(request, search)
          if (may_search_alternating(request, search, error) .and. &
              .not. (search%is_exhausted() .or. has_first_order)) then
-            call follow_alternating(request, seed, search, refusal)
+            call follow_from_order_1(request, seed, .true., search, unused, refusal)
             if (allocated(refusal)) then
                error%message = error%message//'; '//refusal%message
             else

@@ -68,7 +68,7 @@ contains
       objective%problem = problem
       objective%n_constraints = merge(3, 2, problem%request%correlation == 'both')
       allocate (objective%signs(0:problem%n_lags), source=sign(1.0_wp, problem%autocovariance))
-      allocate (objective%zeros(0), objective%family%faces(0))
+      allocate (objective%zeros(0))
       allocate (objective%last%g(0:size(problem%companion)), source=0.0_wp)
       if (allocated(problem%symbol)) then
          weights = constraint_weights(problem%request%correlation, &

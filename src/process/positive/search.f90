@@ -26,7 +26,7 @@ module process_positive_search
    use process_positive_truncated_normal, only: fit_truncated_normal
    implicit none(type, external)
    private
-   public :: follow_alternating, follow_unconstrained
+   public :: follow_from_order_1, follow_unconstrained
 
    integer, parameter :: search_steps = 128   !! steps of a batch
    real(wp), parameter :: inside = 0.97_wp    !! std/mean of a start over the limit of order 1
@@ -44,7 +44,8 @@ contains
       type(sequence_solution), intent(in), optional :: sequence   !! see `new_problem`
       integer, parameter :: most_halvings = 3
       real(wp), parameter :: steepest = 0.9_wp   ! largest std/mean of a start
-      real(wp) :: limit, ratio
+      type(error_type), allocatable :: failure
+      real(wp) :: effort, farther, limit, ratio
       integer :: i
       logical :: is_limited
 
@@ -72,10 +73,16 @@ contains
          if (i > 0 .or. search%family%kind == by_symbol .or. .not. has_assumed_signs(search)) &
             call settle_signs()
       end if
-      if (.not. search%found%is_converged .and. search%family%kind == by_reflection .and. &
-          request%correlation /= 'both') call follow_from_order_1()
-      if (.not. search%found%is_converged) &
-         call refuse(search, 'the branch of the unconstrained process', limit, error)
+      if (search%found%is_converged) return
+      if (search%family%kind == by_reflection .and. request%correlation /= 'both') then
+         effort = search%effort
+         search%effort = 0.0_wp
+         call follow_from_order_1(request, seed, .false., search, farther, failure)
+         if (.not. allocated(failure)) return
+         limit = max(limit, farther)
+         search%effort = max(effort, search%effort)   ! exhausted if one of the two searches was
+      end if
+      call refuse(search, 'the branch of the unconstrained process', limit, error)
 
    contains
 
@@ -111,63 +118,43 @@ contains
          call match_signs(search)
       end subroutine settle_signs
 
-      !> Searches again, with an effort of its own, from the process of order 1 at the wanted
-      !> std/mean or just below its limit: other maxima may go on where the first ones end, or have
-      !> signs that come to rest.
-      subroutine follow_from_order_1()
-         type(process_request) :: one
-         type(first_order_law) :: first
-         type(error_type), allocatable :: failure
-         real(wp) :: effort, farther
-
-         one = request
-         one%order = 1
-         call find_limit(one, .false., farther, failure)
-         if (.not. allocated(failure)) then
-            one%std = min(ratio, inside*farther)*request%mean
-            call match_branch(one, .false., first, failure)
-         end if
-         if (allocated(failure)) return
-         effort = search%effort
-         search%effort = 0.0_wp
-         call begin_search(request, seed, search, failure)
-         call start_from_order_1(search, first)
-         call follow_ratio(search, one%std/request%mean, ratio, farther)
-         if (search%found%is_converged) call match_signs(search)
-         limit = max(limit, farther)
-         ! exhausted if one of the two searches was
-         if (.not. search%found%is_converged) search%effort = max(effort, search%effort)
-      end subroutine follow_from_order_1
-
    end subroutine follow_unconstrained
 
-   !> Finds the maximum on the alternating branch, by continuation from order 1. Fails with the
-   !> std/mean at which the branch ends.
-   subroutine follow_alternating(request, seed, search, error)
+   !> Finds the maximum on one of the branches, by continuation from order 1, which every order
+   !> contains: from the wanted std/mean or from just below the limit of order 1. Other maxima than
+   !> from the unconstrained process may go on where those end, or have signs that come to rest.
+   subroutine follow_from_order_1(request, seed, is_alternating, search, limit, error)
       type(process_request), intent(in) :: request    !! request of order 2 or more
       integer(long), intent(in) :: seed
+      logical, intent(in) :: is_alternating
       type(sampled_objective), intent(inout) :: search   !! in: its effort and bound
+      real(wp), intent(out) :: limit                     !! see `follow_ratio`
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: max_passes = 4
       type(process_request) :: one
       type(first_order_law) :: first
-      real(wp) :: decay, limit
+      real(wp) :: decay, limit_of_order_1
       integer :: pass
 
+      limit = 0.0_wp
       one = request
       one%order = 1
-      call find_limit(one, .true., limit, error)
+      call find_limit(one, is_alternating, limit_of_order_1, error)
       if (allocated(error)) return
-      one%std = min(request%std, inside*limit*request%mean)
+      one%std = min(request%std, inside*limit_of_order_1*request%mean)
       decay = 0.0_wp
       do pass = 1, max_passes
-         call match_branch(one, .true., first, error)
+         call match_branch(one, is_alternating, first, error)
          if (allocated(error)) return
          decay = max(decay, first%memory)
          call begin_search(request, seed, search, error, decay)
          if (allocated(error)) return
-         search%family%kind = merge(by_precision, by_coefficients, search%problem%is_exact)
-         call start_from_order_1(search, first)
+         if (is_alternating) &
+            search%family%kind = merge(by_precision, by_coefficients, search%problem%is_exact)
+         search%point = [search%family%point_of_order_1(first%r, request%order), asinh(first%field)]
+         search%last%moments%mean = first%mean
+         search%last%moments%std = first%std
+         call search%set_burn_in()
          call follow_ratio(search, one%std/request%mean, request%std/request%mean, limit)
          if (.not. limit > 0.0_wp .and. .not. search%is_exhausted()) then
             one%std = 0.8_wp*one%std   ! start at a lower std/mean
@@ -175,26 +162,12 @@ contains
          end if
          if (search%found%is_converged) call match_signs(search)
          if (.not. search%found%is_converged) exit
+         if (.not. is_alternating) return
          if (has_decayed(search)) return
          decay = sqrt(decay)   ! twice as many lags
       end do
       call refuse(search, 'alternating K(m)', limit, error)
-   end subroutine follow_alternating
-
-   !> Starts at a process of order 1, which every order contains.
-   subroutine start_from_order_1(search, first)
-      type(sampled_objective), intent(inout) :: search   !! search in any family but by_symbol
-      type(first_order_law), intent(in) :: first
-      real(wp) :: first_unknown
-
-      first_unknown = asinh(-first%r)
-      if (search%family%kind == by_reflection) first_unknown = atanh(-first%r)
-      search%point = [first_unknown, spread(0.0_wp, 1, search%problem%request%order - 1), &
-                      asinh(first%field)]
-      search%last%moments%mean = first%mean
-      search%last%moments%std = first%std
-      call search%set_burn_in()
-   end subroutine start_from_order_1
+   end subroutine follow_from_order_1
 
    !> Begins the search for a request; keeps its effort and bound.
    subroutine begin_search(request, seed, search, error, decay, sequence)
@@ -226,7 +199,6 @@ contains
       real(wp), parameter :: first_step = 0.08_wp, least_step = 0.004_wp   ! relative
       type(maximum_result) :: before
       real(wp), allocatable :: reached(:)
-      integer, allocatable :: faces(:)
       real(wp) :: growth, step
 
       search%problem%ratio = start
@@ -235,7 +207,6 @@ contains
       growth = 2.0_wp
       do
          reached = search%point
-         faces = search%family%faces
          before = search%found
          call find_maximum(search)
          if (search%found%is_converged) then
@@ -245,7 +216,6 @@ contains
             step = max(growth*step, least_step)
          else
             search%point = reached
-            search%family%faces = faces
             if (.not. limit > 0.0_wp) exit
             growth = 0.5_wp
             step = 0.5_wp*min(step, search%problem%ratio/limit - 1.0_wp)

@@ -19,34 +19,21 @@ module process_positive_signs
 
 contains
 
-   !> Finds the maximum in the interior of the domain, or on the faces that the search runs into:
-   !> it often lies where the law only just stays finite. Keeps the shape of a weak correlation.
+   !> Finds the maximum. Keeps the shape of a weak correlation.
    subroutine find_maximum(search)
       type(sampled_objective), intent(inout) :: search   !! its inverse Hessian is used, if it fits
-      real(wp), parameter :: near = 0.05_wp         ! largest distance of a face to be taken
       real(wp), parameter :: stationary = 0.01_wp   ! gradient over the size of the shape
-      integer, parameter :: max_iterations(2) = [25, 80]   ! with a Gaussian process, and without
-      real(wp), allocatable :: distances(:)
       real(wp) :: tolerance
-      integer :: p
-      logical :: is_gaussian
+      integer :: max_iterations
 
-      is_gaussian = search%family%kind == by_reflection .or. search%family%kind == by_symbol
       tolerance = gradient_tolerance
       if (search%family%kind == by_reflection) &
          tolerance = min(gradient_tolerance, &
                          stationary*norm2(search%point(:size(search%point) - 1)))
       if (search%family%is_weakly_correlated(search%point)) tolerance = huge(1.0_wp)
-      do
-         call maximize(search, difference_step, tolerance, max_iterations(merge(1, 2, is_gaussian)))
-         if (search%found%is_converged .or. is_gaussian .or. search%is_exhausted() .or. &
-             size(search%point) <= search%n_constraints) return
-         distances = search%family%face_distances(search%point)
-         distances(search%family%faces) = huge(near)
-         p = minloc(distances, 1)
-         if (distances(p) > near) return
-         call search%family%add_face(p, search%point)
-      end do
+      max_iterations = 80
+      if (any(search%family%kind == [by_symbol, by_reflection])) max_iterations = 25
+      call maximize(search, difference_step, tolerance, max_iterations)
    end subroutine find_maximum
 
    !> Finds the maximum whose K(m) have the assumed signs, by turning signs and searching again; not
