@@ -229,8 +229,7 @@ def of_responses(results: Results) -> Iterator[Figure]:
         )  # fmt: skip
         if results.structure is None or not case.has("transition_time"):
             continue
-        is_whole = len(case.kept_dofs) == case.n_dof
-        loops = response_figures.most_dissipating(case) if is_whole else []
+        loops = response_figures.most_dissipating(case, results.structure)
         if loops:
             yield Figure(
                 f"hysteresis_{case.name}", f"Hysteresis loops, {name}",
@@ -246,7 +245,7 @@ def of_responses(results: Results) -> Iterator[Figure]:
                 ),
                 height=2.6,
             )  # fmt: skip
-        if results.is_chain and is_whole:
+        if results.is_chain and len(case.kept_dofs) == case.n_dof:
             yield from _transition(results.structure, case, name)
 
 

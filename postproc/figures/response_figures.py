@@ -106,9 +106,11 @@ def plot_transition(axes: Axes, case: Case, chain: xr.Dataset, episode: Episode)
     axes.legend()
 
 
-def most_dissipating(case: Case) -> list[int]:
-    """Joints that dissipate most in the first sample, a few, by number."""
-    work = case.data["dissipation"].isel(sample=0).values
+def most_dissipating(case: Case, structure: xr.Dataset) -> list[int]:
+    """Joints that dissipate most in the first sample, a few, by number; their dofs are kept."""
+    is_dropped = ~np.isin(np.arange(1, case.n_dof + 1), case.kept_dofs)
+    is_unknown = structure["directions"].values[:, is_dropped].any(axis=1)
+    work = np.where(is_unknown, 0.0, case.data["dissipation"].isel(sample=0).values)
     chosen = 1 + np.argsort(work)[::-1][:_LOOPS]
     return sorted(int(joint) for joint in chosen if work[joint - 1] > 0.0)
 
@@ -134,8 +136,9 @@ def joint_force(
     times, kinds = rows.time[rows.joint == joint], rows.kind[rows.joint == joint]
     direction = structure["directions"].values[joint - 1]
     one = case.data.isel(sample=0)
+    moved = np.flatnonzero(direction)  # others may have no history
     place, speed = (
-        one[name].transpose("time", "dof").values @ direction
+        one[name].transpose("time", "dof").values[:, moved] @ direction[moved]
         for name in ("displacement", "velocity")
     )
     steps = one["time"].values

@@ -20,7 +20,7 @@ from . import generators
 from .files import read_pair
 from .pair import Pair, frequencies, massless, require_mass, require_stiffness, total_mass
 from .reduction import condensed, craig_bampton
-from .scene import Joint, SceneOptions, read_process, stuck, write_scene
+from .scene import Joint, SceneOptions, load_of, read_process, stuck, write_scene
 
 _SHOWN = 10  # frequencies
 _RIGHT = 0.01  # relative error of a frequency
@@ -32,8 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     def work() -> None:
         options = _parser().parse_args(arguments)
         whole, pair, joints = options.make(options)
-        for dof, _ in options.force:
-            pair.position(dof)  # refuses a dof that is not there
+        load_of(pair, options.force)
         require_mass(pair)
         n_rigid = require_stiffness(pair)
         for line in _described(whole, pair, joints, n_rigid):

@@ -24,6 +24,7 @@ _NAMES = {
     "C": ("c", "d", "damping", "damping_matrix", "baa", "baax", "bgg", "b2gg", "cred"),
 }
 _MATRIX_MARKET = b"%%MatrixMarket"
+_MOST_ROWS = 10_000_000
 
 
 @dataclass(frozen=True)
@@ -154,12 +155,13 @@ def _of_entries(entries: Entries) -> _Read:
     dofs = entries.dofs()
     is_plain = all(dof == 0 for _, dof in dofs)
     if is_plain:
-        dofs = [(i + 1, 0) for i in range(max(node for node, _ in dofs))]
+        lowest, highest = dofs[0][0], dofs[-1][0]
+        if lowest < 1 or highest > _MOST_ROWS:
+            row = lowest if lowest < 1 else highest
+            raise InputError(f"{entries.path}: row {row}: must be from 1 to {_MOST_ROWS}")
+        dofs = [(i + 1, 0) for i in range(highest)]
     at = {dof: i for i, dof in enumerate(dofs)}
-    try:
-        row, column = (np.array([at[place[i]] for place in entries.values]) for i in (0, 1))
-    except KeyError as error:
-        raise InputError(f"{entries.path}: row {error.args[0][0]}: must be at least 1") from None
+    row, column = (np.array([at[place[i]] for place in entries.values]) for i in (0, 1))
     matrix = sp.csc_array(
         (np.array(list(entries.values.values())), (row, column)), shape=(len(dofs), len(dofs))
     )
@@ -171,7 +173,7 @@ def _of_entries(entries: Entries) -> _Read:
 def _npy(path: Path) -> dict[str, Any]:
     try:
         return {"": np.load(path, allow_pickle=False)}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, EOFError) as error:
         raise _unread(path, "a NumPy array", error) from error
 
 
@@ -181,7 +183,7 @@ def _npz(path: Path) -> dict[str, Any]:
             if {"format", "shape", "data"} <= set(archive.files):
                 return {"": sp.load_npz(path)}
             return {key: archive[key] for key in archive.files}
-    except (OSError, ValueError, BadZipFile) as error:
+    except (OSError, ValueError, EOFError, BadZipFile) as error:
         raise _unread(path, "an archive of NumPy arrays", error) from error
 
 

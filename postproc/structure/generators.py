@@ -19,6 +19,8 @@ def ring(
     """
     if blades < 3:
         raise InputError(f"--blades {blades}: must be at least 3")
+    if seed < 0:
+        raise InputError(f"--seed {seed}: must be zero or positive")
     own = stiffness * (1.0 + scatter * np.random.default_rng(seed).standard_normal(blades))
     if (own <= 0.0).any():
         worst = int(own.argmin())

@@ -42,9 +42,14 @@ class Pair:
         found = {"M": self.mass, "K": self.stiffness}
         return found if self.damping is None else found | {"C": self.damping}
 
+    @property
+    def n_kept(self) -> int:
+        """Number of dofs before the modes of a reduction, which are called 'mode 1', ..."""
+        return sum(not label.startswith("mode ") for label in self.labels)
+
     def last(self) -> str:
-        """The last dof that is none of a reduction's modes, which are called 'mode 1', ..."""
-        return next(label for label in reversed(self.labels) if not label.startswith("mode "))
+        """The last dof that is none of these modes."""
+        return self.labels[self.n_kept - 1]
 
     def position(self, label: str) -> int:
         """Position of a dof, from 0."""

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import scipy.sparse as sp
+from numpy.typing import NDArray
 
-from ..output import InputError, write_file
+from ..output import InputError, readable, write_file
 from .pair import Matrix, Pair, frequencies
 
 _GROUND = 0  # dof_b of a joint to the ground
@@ -48,9 +49,9 @@ class SceneOptions:
 def read_process(path: Path) -> str:
     """The group &process of a file, from & to /."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {' '.join(str(error).split())}") from error
+        text = readable(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
     found = re.findall(r"^&process\b.*?^ */", text, re.MULTILINE | re.DOTALL)
     if len(found) != 1:
         raise InputError(f"{path}: must have one &process, as entroslip estimate writes it")
@@ -149,11 +150,18 @@ def _is_single(options: SceneOptions) -> bool:
     return len(options.forces) == 0 or (len(options.forces) == 1 and options.forces[0][1] == 1.0)
 
 
-def _load_text(pair: Pair, options: SceneOptions) -> str:
+def load_of(pair: Pair, forces: Sequence[tuple[str, float]]) -> NDArray[np.float64]:
+    """Factor of the force on each dof; no force at all is refused."""
     load = np.zeros(pair.n_dof)
-    for label, factor in options.forces:
+    for label, factor in forces:
         load[pair.position(label)] += factor
-    rows = [f"{factor:.17g}" for factor in load]
+    if forces and not (load.any() and np.isfinite(load).all()):
+        raise InputError("--force: its factors must be finite, and not zero on every dof")
+    return load
+
+
+def _load_text(pair: Pair, options: SceneOptions) -> str:
+    rows = [f"{factor:.17g}" for factor in load_of(pair, options.forces)]
     return "\n".join(["# factor of the force on each dof, one a line", *rows]) + "\n"
 
 
@@ -203,6 +211,9 @@ def _scene_text(pair: Pair, joints: Sequence[Joint], options: SceneOptions) -> s
         ],
         "output": [f"segment_length = {_SEGMENT}"],
     }
+    if pair.n_kept < pair.n_dof:
+        kept = ", ".join(map(str, range(1, pair.n_kept + 1)))
+        groups["output"].append(f"dofs = {kept}  ! without the modes of the reduction")
     sizes = f"{pair.n_dof} dofs, joints: {len(joints)}"
     parts = [f"! {options.title}: {sizes}. Put your own values where EXAMPLE stands."]
     for name, lines in groups.items():

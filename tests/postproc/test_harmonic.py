@@ -7,7 +7,7 @@ import pytest
 
 from entroslip import acceleration_psd, history, open_results, velocity_psd
 from entroslip.figures.gallery import make_figures
-from entroslip.figures.response_figures import joint_force
+from entroslip.figures.response_figures import joint_force, most_dissipating
 from entroslip.harmonic import equivalent, linear_receptance, sweeps_of
 from entroslip.results import ResultsError
 from entroslip.tables import table_statistics
@@ -119,10 +119,16 @@ def test_loops_enclose_the_work_of_the_joint(replayed):
 
 
 def test_histories_are_of_the_dofs_that_are_kept(results_of_scene):
+    """So are the loops: of joints between these dofs."""
     path = results_of_scene(HISTORY.replace("&output", "&output dofs = 1, 3"))
-    table = history(open_results(path).cases[0])
+    results = open_results(path)
+    case = results.cases[0]
+    table = history(case)
     assert table["dof"].values.tolist() == [1, 3]
     assert np.isfinite(table["displacement"].values).all()
+    assert most_dissipating(case, results.structure) == [1, 3]
+    _, place, force = joint_force(case, results.structure, 3)
+    assert np.isfinite(place).all() and np.isfinite(force).all()
 
 
 def test_histories_have_time(replayed, sines, tmp_path):

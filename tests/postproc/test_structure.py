@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 
@@ -292,6 +293,7 @@ def test_the_folder_has_what_structure_reads(tmp_path, beam_file):
     scene = (out / "scene.nml").read_text()
     assert "rayleigh = 0.1, 1e-05" in scene
     assert "load = 'load.txt'" in scene
+    assert re.search(r"^ *dofs = 1, 2, 3  +! without the modes", scene, re.MULTILINE)
 
 
 def test_a_filled_joints_file_is_not_lost(tmp_path, capsys):
@@ -340,6 +342,9 @@ def spoilt(folder):
     (folder / "late.pch").write_text(
         "$\nDMIG    K              1       1               1       1\n"
     )
+    (folder / "zero.inp").write_text("0,0,1.0\n1,1,2.0\n")
+    (folder / "far.inp").write_text("99999999999999999999,1,1.0\n")
+    (folder / "empty.npy").write_bytes(b"")
     a, free = f"{folder}/a.npz", f"{folder}/free.npz"
 
     def of(stiffness, mass=f"{a}:M", *rest):
@@ -353,6 +358,9 @@ def spoilt(folder):
         "word": (of(folder / "words.inp"), "words.inp:3: two: must be a number"),
         "twice": (of(folder / "twice.inp"), "twice.inp:2: entry 1:1, 1:1 stands twice"),
         "short": (of(folder / "short.inp"), "short.inp:2: must be node, dof, node, dof, value"),
+        "row 0": (of(folder / "zero.inp"), "zero.inp: row 0: must be from 1 to"),
+        "far row": (of(folder / "far.inp"), "far.inp: row 99999999999999999999: must be from 1 to"),
+        "empty": (of(folder / "empty.npy"), "empty.npy: cannot be read as a NumPy array"),
         "complex DMIG": (of(folder / "complex.pch"), "complex.pch:1: DMIG K: must be real"),
         "no header": (of(folder / "late.pch"), "late.pch:2: DMIG K: its header must come first"),
         "no such name": (of(f"{a}:Q"), "a.npz: has no Q, only K, M, complex"),
@@ -372,6 +380,8 @@ def spoilt(folder):
         "joint": (of(f"{a}:K", f"{a}:M", "--joint", "7", "--out", str(folder / "x")),
                   "dof 7: is not among 3 dofs: 1, 2, 3$"),
         "force": (of(f"{a}:K", f"{a}:M", "--force", "7"), "dof 7: is not among 3 dofs: 1, 2, 3"),
+        "no force": (of(f"{a}:K", f"{a}:M", "--force", "1=0"), "--force: its factors must be finite"),
+        "endless force": (of(f"{a}:K", f"{a}:M", "--force", "1=inf"), "factors must be finite"),
         "modes": (of(f"{a}:K", f"{a}:M", "--joint", "1", "--modes", "5"),
                   "--modes 5: must be from 0 to 2"),
         "nothing kept": (of(f"{a}:K", f"{a}:M", "--modes", "1"), "--modes: needs a dof to keep"),
@@ -397,6 +407,7 @@ def test_bad_input_is_one_line(tmp_path, capsys):
         with pytest.raises(SystemExit):
             main(["ring", "--blades", "6", *damping])
     assert main(["ring", "--blades", "2"]) == 2
+    assert main(["ring", "--blades", "6", "--seed", "-1"]) == 2
     assert main(["ring", "--blades", "24", "--scatter", "2"]) == 2
     assert "makes the stiffness of blade" in capsys.readouterr().err.splitlines()[-1]
 
