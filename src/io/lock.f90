@@ -19,7 +19,7 @@ module io_lock
    use core_text, only: to_text
    use io_files, only: exists, folder_of, host_name, make_folder, process_id, remove_file, &
                        rename_file, unfinished_name
-   use io_posix, only: c_fclose, c_fileno, c_link, c_lockf, c_lseek, c_pread, c_stat
+   use io_posix, only: c_fclose, c_fileno, c_lockf, c_lseek, c_pread, c_stat
    implicit none(type, external)
    private
    public :: lock_type, take_lock
@@ -66,31 +66,24 @@ contains
       lock%path = output//'.lock'
       if (present(is_shared)) lock%is_shared = is_shared
       call make_folder(folder_of(output), error, lock%n_folders)
-      if (.not. allocated(error)) call try_longest_name(output, error)
+      if (.not. allocated(error)) call check_length(output, error)
       if (.not. allocated(error)) call acquire(lock, error)
       if (allocated(error)) call remove_folders(lock)
       if (.not. allocated(error)) lock%stamp = stamp_of(output)
    end subroutine take_lock
 
-   !> Refuses an output whose temporary name is too long for the file system, before any work.
-   subroutine try_longest_name(output, error)
+   !> Refuses an output whose temporary name is too long for a file system, before any work.
+   subroutine check_length(output, error)
       character(*), intent(in) :: output
       type(error_type), allocatable, intent(out) :: error
-      integer(c_int), parameter :: enametoolong = 36   !! Linux
+      integer, parameter :: longest_name = 255        ! bytes; of Linux
+      integer(c_int), parameter :: enametoolong = 36  ! Linux
       character(:), allocatable :: path
-      type(c_ptr) :: stream
-      integer(c_int) :: number
 
       path = unfinished_name(output)
-      stream = c_fopen(path//c_null_char, 'w'//c_null_char)
-      if (c_associated(stream)) then
-         number = c_fclose(stream)
-         call remove_file(path, error)
-      else
-         number = system_error()
-         if (number == enametoolong) call raise_system(number, path//': cannot be made', error)
-      end if
-   end subroutine try_longest_name
+      if (len(path) - index(path, '/', back=.true.) > longest_name) &
+         call raise_system(enametoolong, path//': cannot be made', error)
+   end subroutine check_length
 
    !> Opens and locks the lock file and writes this run's name into it.
    recursive subroutine acquire(lock, error)
@@ -144,17 +137,13 @@ contains
    subroutine check_ownership(self, error)
       class(lock_type), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
-      type(lock_type) :: again
       integer(c_long) :: now(size(stamp_words))
 
       if (.not. self%is_held()) return
       if (.not. exists(self%path)) then
-         again = self
-         call acquire(again, error)
-         if (allocated(error)) return
          call close_lock(self)
-         self%stream = again%stream
-         self%name = again%name
+         call acquire(self, error)
+         if (allocated(error)) return
       else if (.not. is_ours(self)) then
          call raise(error, exit_file, self%path//' was taken by '//holder_of(self%path)// &
                     ': another run is at work on this output, and this one ends. What is '// &
@@ -162,7 +151,9 @@ contains
          return
       end if
       now = stamp_of(self%output)
-      if (any(now /= 0) .and. any(now /= self%stamp)) call refuse_change(self, error)
+      if (any(now /= 0) .and. any(now /= self%stamp)) &
+         call raise(error, exit_file, self%output//' was written by another run while this one '// &
+                    'was at work, and stays as it is: start again to see what it lacks')
    end subroutine check_ownership
 
    !> Renames a finished file to the output. Replaces the file that was there when the lock was
@@ -171,34 +162,11 @@ contains
       class(lock_type), intent(inout) :: self
       character(*), intent(in) :: temporary
       type(error_type), allocatable, intent(out) :: error
-      integer(c_int), parameter :: eexist = 17   !! Linux
-      integer(c_int) :: number
 
       call self%check_ownership(error)
-      if (allocated(error)) return
-      if (exists(self%output)) then
-         call rename_file(temporary, self%output, error)
-      else if (c_link(temporary//c_null_char, self%output//c_null_char) == 0) then
-         call remove_file(temporary, error)
-      else   ! another run has just written the output, or the file system has no links
-         number = system_error()
-         if (number == eexist) then
-            call refuse_change(self, error)
-         else
-            call rename_file(temporary, self%output, error)
-         end if
-      end if
+      if (.not. allocated(error)) call rename_file(temporary, self%output, error)
       if (.not. allocated(error)) self%stamp = stamp_of(self%output)
    end subroutine publish
-
-   !> Raises the error of an output that another run has written.
-   subroutine refuse_change(self, error)
-      class(lock_type), intent(in) :: self
-      type(error_type), allocatable, intent(out) :: error
-
-      call raise(error, exit_file, self%output//' was written by another run while this one '// &
-                 'was at work, and stays as it is: start again to see what it lacks')
-   end subroutine refuse_change
 
    !> True if no other process that shares the lock has claimed a block: it is now this process's.
    function claim(self, number) result(is_ours)
@@ -267,23 +235,18 @@ contains
       lock%stream = c_null_ptr
    end subroutine close_lock
 
-   !> Writes this run's name into the lock file. On a full disk the name stays empty.
+   !> Writes this run's name into the lock file, such as 'process 123 on host'. On a full disk the
+   !> name stays empty.
    subroutine write_name(lock)
       type(lock_type), intent(inout) :: lock
       integer(c_int) :: number
 
       lock%name = ''
       if (.not. seek_succeeds(lock, 0_c_long)) return
-      call write_all(c_fileno(lock%stream), own_name()//new_line('a'), number)
-      if (number == 0) lock%name = own_name()
+      lock%name = 'process '//to_text(process_id())//' on '//host_name()
+      call write_all(c_fileno(lock%stream), lock%name//new_line('a'), number)
+      if (number /= 0) lock%name = ''
    end subroutine write_name
-
-   !> Name of this run, such as 'process 123 on host'.
-   function own_name() result(name)
-      character(:), allocatable :: name
-
-      name = 'process '//to_text(process_id())//' on '//host_name()
-   end function own_name
 
    !> Raises an error with the holder's name, or with the system's reason if it has no locks at all.
    subroutine refuse(lock, number, error)
