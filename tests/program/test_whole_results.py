@@ -97,7 +97,7 @@ def test_a_damaged_value_is_found(campaign, output):
         content = bytearray(whole)
         content[place + 5] ^= 4
         output.write_bytes(content)
-        assert_refused(campaign(), f"/campaign/c001/{name}: cannot be read back")
+        assert_refused(campaign(), f"/campaign/c001/{name}: cannot be read")
 
 
 def test_another_shape_is_found(campaign, output):

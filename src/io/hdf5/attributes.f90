@@ -25,11 +25,15 @@ module io_hdf5_attributes
       logical :: has_fixed_texts = .false.   !! texts are written with fixed length
    contains
       generic :: read => read_text, read_integer, read_real
+      procedure :: path_of
+      procedure :: has
+      procedure :: change_to
       procedure :: attribute
       procedure :: has_attribute
       procedure :: take_error
+      procedure :: keep_failure
       procedure, private :: read_text, read_integer, read_real
-      procedure, private :: write_text, write_value, read_value, text_length, fail
+      procedure, private :: write_text, write_value, read_value, text_length
    end type hdf5_object
 
 contains
@@ -41,6 +45,41 @@ contains
 
       if (allocated(self%error)) call move_alloc(self%error, error)
    end subroutine take_error
+
+   !> Changes to another group of the file, created if it is missing.
+   subroutine change_to(self, path)
+      class(hdf5_object), intent(inout) :: self
+      character(*), intent(in) :: path
+
+      self%path = path
+      if (.not. allocated(self%error)) call self%file%make_group(path, self%error)
+   end subroutine change_to
+
+   !> Path of a member of the group.
+   pure function path_of(self, name) result(path)
+      class(hdf5_object), intent(in) :: self
+      character(*), intent(in) :: name
+      character(:), allocatable :: path
+
+      path = self%path//'/'//name
+      if (self%path == '/') path = '/'//name
+   end function path_of
+
+   !> True if there is a member of this name.
+   logical function has(self, name)
+      class(hdf5_object), intent(in) :: self
+      character(*), intent(in) :: name
+
+      has = self%file%has(self%path_of(name))
+   end function has
+
+   !> Keeps an error if one of the last calls of HDF5 has failed.
+   subroutine keep_failure(self, subject, failure)
+      class(hdf5_object), intent(inout) :: self
+      character(*), intent(in) :: subject, failure   !! such as '/row' and ': cannot be read'
+
+      call conclude(self%file%path//': '//subject//failure, self%error)
+   end subroutine keep_failure
 
    !> True if there is an attribute of this name.
    function has_attribute(self, name)
@@ -77,7 +116,7 @@ contains
       class default
          error stop 'attribute: a value of another type'
       end select
-      call self%fail(name, ': cannot be written')
+      call self%keep_failure('attribute '//name//' of '//self%path, ': cannot be written')
    end subroutine attribute
 
    !> Writes a text of fixed or variable length. HDF5 has no text of fixed length 0: a blank stands
@@ -119,14 +158,6 @@ contains
       call h5sclose_f(space, status)
    end subroutine write_value
 
-   !> Keeps an error if HDF5 failed to read or write an attribute.
-   subroutine fail(self, name, failure)
-      class(hdf5_object), intent(inout) :: self
-      character(*), intent(in) :: name, failure
-
-      call conclude(self%file%path//': attribute '//name//' of '//self%path//failure, self%error)
-   end subroutine fail
-
    !> Reads a text of fixed or variable length.
    subroutine read_text(self, name, value)
       class(hdf5_object), intent(inout) :: self
@@ -156,7 +187,7 @@ contains
          call h5sclose_f(space, status)
       end if
       call h5tclose_f(kind, status)
-      call self%fail(name, ': cannot be read')
+      call self%keep_failure('attribute '//name//' of '//self%path, ': cannot be read')
    end subroutine read_text
 
    !> Length of a text of fixed length [byte]; 0 for one of variable length.
@@ -186,7 +217,7 @@ contains
 
       if (allocated(self%error)) return
       call self%read_value(name, H5T_NATIVE_INTEGER, c_loc(value))
-      call self%fail(name, ': cannot be read')
+      call self%keep_failure('attribute '//name//' of '//self%path, ': cannot be read')
    end subroutine read_integer
 
    subroutine read_real(self, name, value)
@@ -196,7 +227,7 @@ contains
 
       if (allocated(self%error)) return
       call self%read_value(name, H5T_NATIVE_DOUBLE, c_loc(value))
-      call self%fail(name, ': cannot be read')
+      call self%keep_failure('attribute '//name//' of '//self%path, ': cannot be read')
    end subroutine read_real
 
    !> Reads an attribute of one value; refuses an array, for which `value` has no memory.

@@ -14,7 +14,7 @@ module io_hdf5_datasets
    use hdf5
    use io_hdf5_attributes, only: hdf5_object
    use io_hdf5_file, only: hdf5_file, new_timeless_list
-   use io_hdf5_outcome, only: conclude
+   use io_hdf5_outcome, only: note_failure
    implicit none(type, external)
    private
    public :: hdf5_group, new_group
@@ -26,9 +26,6 @@ module io_hdf5_datasets
    contains
       generic :: get => get_row, get_matrix
       generic :: put => put_reals, put_integers
-      procedure :: path_of
-      procedure :: has
-      procedure :: change_to
       procedure :: axes_named
       procedure :: put_axis
       procedure :: put_value
@@ -40,7 +37,7 @@ module io_hdf5_datasets
       procedure :: read_part
       procedure :: move_rows
       procedure, private :: put_reals, put_integers, get_row, get_matrix
-      procedure, private :: attach_axes, keep_failure, move
+      procedure, private :: attach_axes, move
    end type hdf5_group
 
 contains
@@ -54,41 +51,6 @@ contains
       group%file = file
       call group%change_to(path)
    end function new_group
-
-   !> Changes to another group of the file, created if it is missing.
-   subroutine change_to(self, path)
-      class(hdf5_group), intent(inout) :: self
-      character(*), intent(in) :: path
-
-      self%path = path
-      if (.not. allocated(self%error)) call self%file%make_group(path, self%error)
-   end subroutine change_to
-
-   !> Path of a member of the group.
-   pure function path_of(self, name) result(path)
-      class(hdf5_group), intent(in) :: self
-      character(*), intent(in) :: name
-      character(:), allocatable :: path
-
-      path = self%path//'/'//name
-      if (self%path == '/') path = '/'//name
-   end function path_of
-
-   !> True if there is a member of this name.
-   logical function has(self, name)
-      class(hdf5_group), intent(in) :: self
-      character(*), intent(in) :: name
-
-      has = self%file%has(self%path_of(name))
-   end function has
-
-   !> Keeps an error if HDF5 failed to work on a dataset.
-   subroutine keep_failure(self, name, failure)
-      class(hdf5_group), intent(inout) :: self
-      character(*), intent(in) :: name, failure
-
-      call conclude(self%file%path//': '//self%path_of(name)//failure, self%error)
-   end subroutine keep_failure
 
    !> Creates a dataset without values: a scalar in the header of its object, an array in chunks,
    !> both with checksums of HDF5. A dataset with the name of its only axis becomes that axis; it
@@ -110,17 +72,14 @@ contains
 
       if (allocated(self%error)) return
       call new_timeless_list(H5P_DATASET_CREATE_F, properties)
+      call h5screate_simple_f(size(extents), extents, space, status)   ! without axes: a scalar
       if (size(extents) == 0) then
-         call h5screate_f(H5S_SCALAR_F, space, status)
          call h5pset_layout_f(properties, H5D_COMPACT_F, status)
-      else
-         call h5screate_simple_f(size(extents), extents, space, status)
-         if (all(extents > 0)) then
-            chunks = chunk_of(int(extents, long))
-            if (present(chunk)) chunks = chunk
-            call h5pset_chunk_f(properties, size(extents), chunks, status)
-            call h5pset_fletcher32_f(properties, status)
-         end if
+      else if (all(extents > 0)) then
+         chunks = chunk_of(int(extents, long))
+         if (present(chunk)) chunks = chunk
+         call h5pset_chunk_f(properties, size(extents), chunks, status)
+         call h5pset_fletcher32_f(properties, status)
       end if
       number = H5T_NATIVE_DOUBLE
       if (present(kind)) then
@@ -132,10 +91,9 @@ contains
       call h5dclose_f(dataset, status)
       call h5sclose_f(space, status)
       call h5pclose_f(properties, status)
-      call self%keep_failure(name, ': cannot be made')
+      call self%keep_failure(self%path_of(name), ': cannot be made')
       if (allocated(self%error)) return
-      object%file = self%file
-      object%path = self%path_of(name)
+      object = hdf5_object(self%file, self%path_of(name))
       call object%attribute('units', units)
       call object%attribute('long_name', long_name)
       call object%take_error(self%error)
@@ -166,7 +124,7 @@ contains
          end do
       end if
       call h5dclose_f(dataset, status)
-      call self%keep_failure(name, ': cannot be given its axes ('//axes//')')
+      call self%keep_failure(self%path_of(name), ': cannot be given its axes ('//axes//')')
    end subroutine attach_axes
 
    !> Reads the extent of each axis of a dataset, in Fortran's order; a scalar has none. Refuses
@@ -189,11 +147,11 @@ contains
       extents = int(now, long)
       call h5sclose_f(space, status)
       call h5dclose_f(dataset, status)
-      call self%keep_failure(name, ': cannot be read')
-      if (allocated(self%error) .or. .not. present(n_axes)) return
-      if (n /= n_axes) call raise(self%error, exit_file, self%file%path//': '// &
-                                  self%path_of(name)//': cannot be read: '//to_text(n)// &
-                                  ' axes where '//to_text(n_axes)//' are expected')
+      if (present(n_axes)) then
+         if (n /= n_axes) call note_failure(to_text(n)//' axes where '//to_text(n_axes)// &
+                                            ' are expected')
+      end if
+      call self%keep_failure(self%path_of(name), ': cannot be read')
    end subroutine read_shape
 
    !> Allocates an array for a dataset, or for n_rows rows of its last axis, unless it is allocated.
@@ -238,19 +196,15 @@ contains
       integer :: i, n, rows
 
       call self%read_shape(name, extents)
-      if (allocated(self%error) .or. any(extents == 0)) return
       n = size(extents)
-      if (n == 0) then
-         call self%read_part(name, [integer ::], scalar)
-         return
-      end if
+      if (n == 0) call self%read_part(name, [integer ::], scalar)
+      if (allocated(self%error) .or. n == 0 .or. any(extents == 0)) return
       count = extents
       rows = int(max(1_long, min(extents(n), piece/product(extents(:n - 1)))))
       allocate (values(product(extents(:n - 1))*rows))
       do i = 1, int(extents(n)), rows
          count(n) = min(int(rows, hsize_t), extents(n) - i + 1)
-         call self%move(name, [spread(1, 1, n - 1), i], count, c_loc(values), .false., &
-                        ': cannot be read back')
+         call self%move(name, [spread(1, 1, n - 1), i], count, c_loc(values), .false.)
       end do
    end subroutine check
 
@@ -410,27 +364,22 @@ contains
    end subroutine move_rows
 
    !> Writes or reads a scalar, or the part of a dataset that begins at `first`.
-   subroutine move(self, name, first, extents, values, is_written, failure)
+   subroutine move(self, name, first, extents, values, is_written)
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name
       integer, intent(in) :: first(:)
       integer(hsize_t), intent(in) :: extents(:)
       type(c_ptr), value :: values
-      logical, intent(in) :: is_written               !! else read
-      character(*), intent(in), optional :: failure   !! text of the error; absent: 'cannot be read'
+      logical, intent(in) :: is_written   !! else read
       integer(hid_t) :: dataset, part, memory
       integer :: status
 
       if (allocated(self%error) .or. any(extents <= 0)) return
       call h5dopen_f(self%file%id, self%path_of(name), dataset, status)
       call h5dget_space_f(dataset, part, status)
-      if (size(extents) == 0) then
-         call h5screate_f(H5S_SCALAR_F, memory, status)
-      else
-         call h5sselect_hyperslab_f(part, H5S_SELECT_SET_F, int(first, hsize_t) - 1, extents, &
-                                    status)
-         call h5screate_simple_f(size(extents), extents, memory, status)
-      end if
+      call h5screate_simple_f(size(extents), extents, memory, status)
+      if (size(extents) > 0) call h5sselect_hyperslab_f(part, H5S_SELECT_SET_F, &
+                                                        int(first, hsize_t) - 1, extents, status)
       if (is_written) then
          call h5dwrite_f(dataset, H5T_NATIVE_DOUBLE, values, status, memory, part)
       else
@@ -439,11 +388,8 @@ contains
       call h5sclose_f(memory, status)
       call h5sclose_f(part, status)
       call h5dclose_f(dataset, status)
-      if (present(failure)) then
-         call self%keep_failure(name, failure)
-      else
-         call self%keep_failure(name, ': cannot be '//trim(merge('written', 'read   ', is_written)))
-      end if
+      call self%keep_failure(self%path_of(name), &
+                             ': cannot be '//trim(merge('written', 'read   ', is_written)))
    end subroutine move
 
 end module io_hdf5_datasets
