@@ -6,7 +6,6 @@
 program friction_of_a_contact
    use core_kinds, only: long, wp
    use core_random, only: new_stream, stream_type
-   use dynamics_joint, only: jenkins_force
    use process_fit, only: fit_process
    use process_model, only: process_model_type, process_request, request_label
    use process_realization, only: draw_points
@@ -39,7 +38,7 @@ program friction_of_a_contact
       call draw_points(model, stream, friction)
       do i = 1, n_sliders
          force(:, contact) = force(:, contact) &
-                             + jenkins_force(stiffness, friction(i)*normal_load, displacement)
+                             + min(stiffness*displacement, friction(i)*normal_load)   ! stick, slip
       end do
    end do
 

@@ -10,8 +10,7 @@ module dynamics_joint
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: jenkins_force, slip_direction, slider_at
-   public :: enter_transition, count_open_slips
+   public :: count_open_slips, enter_transition, slider_at, slip_direction
 
 contains
 
@@ -33,23 +32,6 @@ contains
 
       slider = place - direction*reach
    end function slider_at
-
-   !> Force of a joint at each point of a displacement history that begins without force [N]. Exact
-   !> if the motion is monotonic between the points: |r| is then limited to mu N at each of them.
-   pure function jenkins_force(stiffness, slip_limit, displacement) result(force)
-      real(wp), intent(in) :: stiffness         !! k [N/m]
-      real(wp), intent(in) :: slip_limit        !! mu N [N], not negative
-      real(wp), intent(in) :: displacement(:)   !! w.x (point) [m]
-      real(wp) :: force(size(displacement))
-      integer :: i
-
-      if (size(force) == 0) return
-      force(1) = 0.0_wp
-      do i = 2, size(force)
-         force(i) = force(i - 1) + stiffness*(displacement(i) - displacement(i - 1))
-         force(i) = max(-slip_limit, min(slip_limit, force(i)))
-      end do
-   end function jenkins_force
 
    !> Enters a transition into the state of a sample: a slip starts in a direction, or ends
    !> (direction 0). Without branches, as both are equally likely.
