@@ -1,4 +1,5 @@
-!> Attributes of groups and datasets: numbers, logicals as 0 and 1, texts as UTF-8.
+!> Groups and datasets as objects of a file, and their attributes: numbers, logicals as 0 and 1,
+!> texts as UTF-8.
 !>
 !> Texts have variable length, which h5py reads as str. HDF5 keeps those in a heap without a
 !> checksum and may crash on a damaged one. So texts that the program itself reads back have a fixed
