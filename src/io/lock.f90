@@ -19,7 +19,7 @@ module io_lock
    use core_text, only: to_text
    use io_files, only: exists, folder_of, host_name, make_folder, process_id, remove_file, &
                        rename_file, unfinished_name
-   use io_posix, only: c_fclose, c_fileno, c_lockf, c_lseek, c_pread, c_stat
+   use io_posix, only: c_fclose, c_fileno, c_link, c_lockf, c_lseek, c_pread, c_stat
    implicit none(type, external)
    private
    public :: lock_type, take_lock
@@ -151,9 +151,7 @@ contains
          return
       end if
       now = stamp_of(self%output)
-      if (any(now /= 0) .and. any(now /= self%stamp)) &
-         call raise(error, exit_file, self%output//' was written by another run while this one '// &
-                    'was at work, and stays as it is: start again to see what it lacks')
+      if (any(now /= 0) .and. any(now /= self%stamp)) call refuse_change(self, error)
    end subroutine check_ownership
 
    !> Renames a finished file to the output. Replaces the file that was there when the lock was
@@ -162,11 +160,30 @@ contains
       class(lock_type), intent(inout) :: self
       character(*), intent(in) :: temporary
       type(error_type), allocatable, intent(out) :: error
+      integer(c_int), parameter :: eexist = 17   !! Linux
 
       call self%check_ownership(error)
-      if (.not. allocated(error)) call rename_file(temporary, self%output, error)
+      if (allocated(error)) return
+      if (exists(self%output)) then
+         call rename_file(temporary, self%output, error)
+      else if (c_link(temporary//c_null_char, self%output//c_null_char) == 0) then
+         call remove_file(temporary, error)
+      else if (system_error() == eexist) then   ! another run has just written the output
+         call refuse_change(self, error)
+      else   ! the file system has no links
+         call rename_file(temporary, self%output, error)
+      end if
       if (.not. allocated(error)) self%stamp = stamp_of(self%output)
    end subroutine publish
+
+   !> Raises the error of an output that another run has written.
+   subroutine refuse_change(self, error)
+      class(lock_type), intent(in) :: self
+      type(error_type), allocatable, intent(out) :: error
+
+      call raise(error, exit_file, self%output//' was written by another run while this one '// &
+                 'was at work, and stays as it is: start again to see what it lacks')
+   end subroutine refuse_change
 
    !> True if no other process that shares the lock has claimed a block: it is now this process's.
    function claim(self, number) result(is_ours)

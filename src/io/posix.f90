@@ -4,7 +4,7 @@ module io_posix
    implicit none(type, external)
    private
    public :: c_fclose, c_fileno, c_fsync, c_gethostname, c_getpid, c_getppid, c_glob, &
-             c_globfree, c_lockf, c_lseek, c_mkdir, c_pread, c_remove, c_rename, c_stat
+             c_globfree, c_link, c_lockf, c_lseek, c_mkdir, c_pread, c_remove, c_rename, c_stat
 
    interface
       function c_mkdir(path, mode) result(status) bind(c, name='mkdir')
@@ -25,6 +25,12 @@ module io_posix
          character(kind=c_char), intent(in) :: from(*), to(*)
          integer(c_int) :: status
       end function c_rename
+
+      function c_link(from, to) result(status) bind(c, name='link')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: from(*), to(*)
+         integer(c_int) :: status
+      end function c_link
 
       function c_fclose(stream) result(status) bind(c, name='fclose')
          import :: c_int, c_ptr
