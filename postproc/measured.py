@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .figures import style
 from .figures.figure import SECTIONS, Figure
-from .output import InputError, readable
+from .output import InputError, read_text
 from .results import Results
 
 Records = list[NDArray[np.float64]]  # (point) of each joint line; NaN: not measured
@@ -28,12 +28,12 @@ _MOST_RECORDS = 8  # drawn
 
 def read_measured(path: Path) -> Records:
     """Records of a file that `entroslip estimate` read: one a line, or one value a line."""
+    lines = read_text(path).splitlines()
+    words = [re.split("[#!]", line)[0].translate(_BLANK).split() for line in lines]
     try:
-        lines = readable(path.read_bytes()).splitlines()
-        words = [re.split("[#!]", line)[0].translate(_BLANK).split() for line in lines]
         records = [np.array(row, dtype=float) for row in words if row]
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: {getattr(error, 'strerror', None) or error}") from error
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
     if not records:
         raise InputError(f"{path}: holds no values")
     return [np.concatenate(records)] if all(row.size == 1 for row in records) else records

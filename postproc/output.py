@@ -92,6 +92,14 @@ def readable(text: bytes | str) -> str:
         return raw.decode("cp1252", "replace")
 
 
+def read_text(path: Path) -> str:
+    """The text of a file of any bytes."""
+    try:
+        return readable(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
+
+
 def _make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)

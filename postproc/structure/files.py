@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import h5py
 import numpy as np
@@ -23,8 +22,8 @@ _NAMES = {
     "K": ("k", "stiffness", "stiffness_matrix", "kaa", "kaax", "kgg", "kggx", "k2gg", "kred"),
     "C": ("c", "d", "damping", "damping_matrix", "baa", "baax", "bgg", "b2gg", "cred"),
 }
-_MATRIX_MARKET = b"%%MatrixMarket"
-_MOST_ROWS = 10_000_000
+_MATRIX_MARKET = "Matrix Market"
+_MOST_ROWS = 10_000_000  # of a matrix without names of dofs; more is no matrix
 
 
 @dataclass(frozen=True)
@@ -101,13 +100,19 @@ def _read(source: str, letter: str) -> _Read:
         raise InputError(f"{path}: is a folder" if path.is_dir() else f"{path}: no such file")
     ending = path.suffix.lower()
     head = path.open("rb").read(4096)
-    if ending in (".npy", ".npz", ".mat", ".op4"):
-        found = {".npy": _npy, ".npz": _npz, ".mat": _mat, ".op4": _op4}[ending](path)
+    if ending not in _READERS and head.startswith(b"%%MatrixMarket"):
+        ending = _MATRIX_MARKET
+    if ending in _READERS:
+        kind, read = _READERS[ending]
+        try:
+            found = read(path)
+        except InputError:
+            raise
+        except Exception as error:  # whatever numpy, scipy, h5py and pyNastran raise
+            words = " ".join(str(error).split())
+            raise InputError(f"{path}: cannot be read as {kind}: {words}") from error
         key = _chosen(path, found, wanted, letter)
         return _Read(str(path), _as_matrix(found[key], f"{path}: {key}".removesuffix(": ")))
-    if head.startswith(_MATRIX_MARKET):
-        found = {"": _matrix_market(path)}
-        return _Read(str(path), _as_matrix(found[_chosen(path, found, wanted, letter)], str(path)))
     named = read_dmig(path) if b"DMIG" in head.upper() else {"": read_abaqus(path)}
     return _of_entries(named[_chosen(path, named, wanted, letter)])
 
@@ -157,8 +162,8 @@ def _of_entries(entries: Entries) -> _Read:
     if is_plain:
         lowest, highest = dofs[0][0], dofs[-1][0]
         if lowest < 1 or highest > _MOST_ROWS:
-            row = lowest if lowest < 1 else highest
-            raise InputError(f"{entries.path}: row {row}: must be from 1 to {_MOST_ROWS}")
+            wrong = lowest if lowest < 1 else highest
+            raise InputError(f"{entries.path}: row {wrong}: must be from 1 to {_MOST_ROWS}")
         dofs = [(i + 1, 0) for i in range(highest)]
     at = {dof: i for i, dof in enumerate(dofs)}
     row, column = (np.array([at[place[i]] for place in entries.values]) for i in (0, 1))
@@ -171,31 +176,22 @@ def _of_entries(entries: Entries) -> _Read:
 
 
 def _npy(path: Path) -> dict[str, Any]:
-    try:
-        return {"": np.load(path, allow_pickle=False)}
-    except (OSError, ValueError, EOFError) as error:
-        raise _unread(path, "a NumPy array", error) from error
+    return {"": np.load(path, allow_pickle=False)}
 
 
 def _npz(path: Path) -> dict[str, Any]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            if {"format", "shape", "data"} <= set(archive.files):
-                return {"": sp.load_npz(path)}
-            return {key: archive[key] for key in archive.files}
-    except (OSError, ValueError, EOFError, BadZipFile) as error:
-        raise _unread(path, "an archive of NumPy arrays", error) from error
+    with np.load(path, allow_pickle=False) as archive:
+        if {"format", "shape", "data"} <= set(archive.files):
+            return {"": sp.load_npz(path)}
+        return {key: archive[key] for key in archive.files}
 
 
 def _mat(path: Path) -> dict[str, Any]:
     """Numeric matrices of a MATLAB file of any version, those inside of structs as `s.M`."""
-    try:
-        if h5py.is_hdf5(path):
-            with h5py.File(path) as file:
-                return _of_hdf5(file, "")
-        return _flat(scipy.io.loadmat(path, simplify_cells=True), "")
-    except Exception as error:  # whatever scipy and h5py raise of a damaged file
-        raise _unread(path, "a MATLAB file", error) from error
+    if h5py.is_hdf5(path):
+        with h5py.File(path) as file:
+            return _of_hdf5(file, "")
+    return _flat(scipy.io.loadmat(path, simplify_cells=True), "")
 
 
 def _flat(values: Mapping[str, Any], before: str) -> dict[str, Any]:
@@ -238,20 +234,20 @@ def _op4(path: Path) -> dict[str, Any]:
         raise InputError(
             f"{path}: OP4 is read through pyNastran, which is not installed: pip install pyNastran"
         ) from None
-    try:
-        found = OP4(log=None).read_op4(str(path))
-    except Exception as error:  # whatever pyNastran raises of a damaged file
-        raise _unread(path, "OP4", error) from error
+    found = OP4(log=None).read_op4(str(path))
     return {key: getattr(value, "data", value[1] if isinstance(value, tuple) else value)
             for key, value in found.items()}  # fmt: skip
 
 
-def _matrix_market(path: Path) -> Any:  # noqa: ANN401  (a sparse or a dense matrix)
-    try:
-        return scipy.io.mmread(path)
-    except (OSError, ValueError, OverflowError) as error:
-        raise _unread(path, "Matrix Market", error) from error
+def _matrix_market(path: Path) -> dict[str, Any]:
+    return {"": scipy.io.mmread(path)}
 
 
-def _unread(path: Path, kind: str, error: Exception) -> InputError:
-    return InputError(f"{path}: cannot be read as {kind}: {' '.join(str(error).split())}")
+# By the ending of the file: what it is called in messages, and its matrices by name.
+_READERS: dict[str, tuple[str, Callable[[Path], dict[str, Any]]]] = {
+    ".npy": ("a NumPy array", _npy),
+    ".npz": ("an archive of NumPy arrays", _npz),
+    ".mat": ("a MATLAB file", _mat),
+    ".op4": ("OP4", _op4),
+    _MATRIX_MARKET: (_MATRIX_MARKET, _matrix_market),
+}

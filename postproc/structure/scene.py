@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from ..output import InputError, readable, write_file
+from ..output import InputError, read_text, write_file
 from .pair import Matrix, Pair, frequencies
 
 _GROUND = 0  # dof_b of a joint to the ground
@@ -48,11 +48,7 @@ class SceneOptions:
 
 def read_process(path: Path) -> str:
     """The group &process of a file, from & to /."""
-    try:
-        text = readable(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    found = re.findall(r"^&process\b.*?^ */", text, re.MULTILINE | re.DOTALL)
+    found = re.findall(r"^&process\b.*?^ */", read_text(path), re.MULTILINE | re.DOTALL)
     if len(found) != 1:
         raise InputError(f"{path}: must have one &process, as entroslip estimate writes it")
     return str(found[0])

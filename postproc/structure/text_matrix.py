@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..output import InputError, readable
+from ..output import InputError, read_text
 
 Dof = tuple[int, int]  # node and its dof; of a plain numbering the number and 0
 _FIXED = 1.0e36  # Abaqus adds it to the diagonal of K at a dof that is held
@@ -154,11 +154,7 @@ def _dof(words: list[str], path: Path, line: int) -> Dof:
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """Lines that are neither empty nor a comment, from 1."""
-    try:
-        text = readable(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
         if line.strip() and not line.startswith(("**", "$", "#")):
             yield number, line
 
