@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from .figures import style
 from .figures.figure import SECTIONS, Figure
 from .groups import open_group
-from .processes import is_maximum_entropy
+from .processes import imposed_lengths, is_maximum_entropy
 from .results import Results
 from .table import Table, rounded, value_with_error
 
@@ -74,16 +74,11 @@ def figures_of(results: Results, processes: Mapping[str, xr.Dataset]) -> Iterato
 
 def _names(processes: Mapping[str, xr.Dataset]) -> dict[int, str]:
     """'$L_0$ = 0.3, std 0.1' of each process, by its number."""
-    names = {}
-    for name, process in processes.items():
-        if not is_maximum_entropy(process):
-            continue
-        of = process.attrs
-        definition = str(of["correlation"])
-        names[int(name[1:])] = (
-            f"${definition[0]}_{definition[1]}$ = {of['correlation_length']:g}, std {of['std']:g}"
-        )
-    return names
+    return {
+        int(name[1:]): f"{style.with_symbols(imposed_lengths(of.attrs))}, std {of.attrs['std']:g}"
+        for name, of in processes.items()
+        if is_maximum_entropy(of)
+    }
 
 
 def plot_change_over_order(

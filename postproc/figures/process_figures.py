@@ -139,9 +139,8 @@ def plot_each(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
 def _facts(process: xr.Dataset) -> tuple[str, ...]:
     """Facts that may differ from process to process, the order at _ORDER."""
     of = process.attrs
-    lengths = style.with_symbols(imposed_lengths(of))
     numbers = (f"{name} {float(of[name]):g}" for name in ("mean", "std"))
-    return lengths, f"order {order_of(process)}", *numbers, str(of["sampler"])
+    return _imposed(process), f"order {order_of(process)}", *numbers, str(of["sampler"])
 
 
 def plot_positive_difference(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
