@@ -291,7 +291,7 @@ def table_statistics(case: Case) -> Table:
     ratios: tuple[tuple[str, str, float, str], ...] = ()
     if len(percentiles) > 1:
         ratios = tuple(column for column in _RATIOS if case.has(column[0]))
-    for i in range(max(case.n_dof, case.n_joints)):
+    for i in sorted({*range(case.n_joints), *(dof - 1 for dof in case.kept_dofs)}):
         row = [str(i + 1)]
         here = data.isel({axis: i for axis in ("dof", "joint") if i < data.sizes.get(axis, 0)})
         row += [

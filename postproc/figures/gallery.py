@@ -46,15 +46,17 @@ def make_figures(files: Sequence[Results]) -> list[Figure]:
     return sorted(found.values(), key=_place)
 
 
-def _place(figure: Figure) -> tuple[int, str]:
-    """By section and name; along the structure in the order in which they are made."""
-    name = "along" if figure.name.startswith("along_") else figure.name
-    return SECTIONS.index(figure.section), name
+def _place(figure: Figure) -> tuple[int, int, str]:
+    """By section: those along the structure, the paper's by number, the others as they are made."""
+    section = SECTIONS.index(figure.section)
+    if figure.name.startswith("fig_"):
+        return section, 1, figure.name
+    return section, 0 if figure.name.startswith("along_") else 2, ""
 
 
 def of_chain(results: Results) -> Iterator[Figure]:
     """Fig. 7."""
-    if results.structure is not None and results.is_chain:
+    if results.structure is not None and results.is_chain and _is_row(results.structure):
         n_dof = int(results.structure.sizes["dof"])
         is_base = any(case.is_base for case in results.cases)
         forced = None if is_base else results.forced_dof
@@ -66,6 +68,11 @@ def of_chain(results: Results) -> Iterator[Figure]:
             f" with a slider under the load N. Here {force}.",
             _CHAIN, (partial(chain_figure.plot_chain, n_dof=n_dof, forced=forced),), height=2.6,
         )  # fmt: skip
+
+
+def _is_row(structure: xr.Dataset) -> bool:
+    """True if springs join neighbours alone: K is tridiagonal."""
+    return bool(abs(structure["stiffness_row"] - structure["stiffness_column"]).max() <= 1)
 
 
 def of_certain_friction(results: Results) -> Iterator[Figure]:
@@ -116,7 +123,8 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             "Standard deviation over samples of the time in slip, over its mean. Each joint has a"
             f" mark with its number{looks.marks_of_levels(cases)}. Bars are 95 % intervals,"
             f" of the mean with Monte Carlo and time average together.{_pale(cases)}"
-            " Look for where the marks are highest, and whether the lengths differ.",
+            " Look for where the marks are highest"
+            f"{_of_lengths(cases, ', and whether the lengths differ')}.",
             _STUDY, (partial(study_figures.plot_slip_scatter, cases=cases, is_paper=is_paper),),
             ("1a", "1b", "2a", "2b"),
         )  # fmt: skip
@@ -133,9 +141,10 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"Fig. 10{letter}. Band of uncertainty, {results.place} {dof}, {levels}",
             f"Mean spectrum (thick) at friction std {cases[0].std:g}, between the outer percentiles"
             " over samples (thin; shaded: their 95 % intervals, Monte Carlo and force record"
-            " together), for each correlation length. Vertical lines: natural frequencies with all"
-            " joints stuck (full) and slipping (dotted). Look for the distance of the percentiles,"
-            " the place of the mean between them, and peaks of the upper one at the dotted lines."
+            f" together){_of_lengths(cases, ', for each correlation length')}. Vertical lines:"
+            " natural frequencies with all joints stuck (full) and slipping (dotted). Look for the"
+            " distance of the percentiles, the place of the mean between them, and peaks of the"
+            " upper one at the dotted lines."
             f" {_welch(cases[0])}",
             _STUDY,
             tuple(
@@ -157,8 +166,8 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean time"
             f" in slip. Each joint has a mark with its number{looks.marks_of_levels(cases)}"
             f". Bars are 95 % intervals, Monte Carlo and time average together.{_pale(cases)}"
-            " Look for a fall with the time in slip, and whether the lengths differ where it is"
-            " long.",
+            " Look for a fall with the time in slip"
+            f"{_of_lengths(cases, ', and whether the lengths differ where it is long')}.",
             _STUDY, (partial(study_figures.plot_band_ratio, cases=cases),),
             ("3a", "3b", "4a", "4b", "4c"),
         )  # fmt: skip
@@ -294,6 +303,11 @@ def _pale(cases: Sequence[Case]) -> str:
     """Sentence on pale marks, where a regression made estimates of its own."""
     is_drawn = any(case.plain is not None for case in cases)
     return " Pale marks: plain sampling." if is_drawn else ""
+
+
+def _of_lengths(cases: Sequence[Case], words: str) -> str:
+    """The words, if there are several correlation lengths to compare."""
+    return words if len({case.correlation_length for case in cases}) > 1 else ""
 
 
 def _lettered(items: Sequence[_Item]) -> Iterator[tuple[str, _Item]]:

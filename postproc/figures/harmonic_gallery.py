@@ -56,12 +56,17 @@ def _of_process(results: Results, sweeps: list[Sweep], process: str) -> Iterator
     found = [equivalent(results, sweep) for sweep in sweeps]
     if not any(np.isfinite(mode.frequency).any() for mode in found):
         return
+    bare = [
+        sweep.level for sweep, mode in zip(sweeps, found, strict=True)
+        if not np.isfinite(mode.frequency).any()
+    ]  # fmt: skip
+    without = f" No resonance within these frequencies: {', '.join(bare)}." if bare else ""
     yield Figure(
         f"equivalent_{process}", f"Equivalent stiffness and damping, {name}",
         "The linear mode with the same response where the forced point lags the force by 90"
         " degrees: its modal stiffness divided by that with all joints stuck, and its damping"
         " ratio, one mark for each sample. Joints soften with the amplitude; damping is largest"
-        " between stuck and slipping.",
+        f" between stuck and slipping.{without}",
         _STUDY,
         tuple(
             partial(harmonic_figures.plot_equivalent, sweeps=sweeps, found=found, name=part)

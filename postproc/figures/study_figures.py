@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,13 +25,14 @@ from . import looks, style
 _Marks = tuple[NDArray[np.float64], NDArray[np.float64], Any]  # x, y (joint), colour
 PERCENT = 100.0  # of a fraction of time
 _BEYOND_STUCK = 1.6  # drawn of a spectrum: to this multiple of the highest stuck frequency
+_LOWEST_NAME = 10.0  # of a curve, as a multiple of the lower end of the axis
 _BESIDE = 0.04  # of the axis: half the width of a curve's name
 _DECADES = 7.0  # drawn of a spectrum
 _MOST_MODES = 20  # marked; more would hide the curves
+_MOST_MARKED = 60  # joints with a mark in a line; more would meet
 _MOST_NUMBERED = 6  # marks of a case
 _MEET = 25.0  # [pixels] between marks that share a number
 _TOUCH = 12.0  # [pixels] between marks whose numbers would cover each other
-_SLIP_AXIS = "mean time in slip [%]"
 
 
 def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
@@ -62,12 +63,12 @@ def _mark_scatter(axes: Axes, case: Case) -> None:
 
 
 def band_ratio_interval(case: Case) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The 95 % interval of the band ratio: Monte Carlo and time average together."""
+    """The 95 % interval of the band ratio, from 1: Monte Carlo and time average together."""
     ratio = case.data["band_ratio"].values
     spread = np.log(case.data["band_ratio_high"].values / ratio)
     if case.has("band_ratio_time_error"):
         spread = np.hypot(spread, WIDTH * case.data["band_ratio_time_error"].values / ratio)
-    return ratio * np.exp(-spread), ratio * np.exp(spread)
+    return np.maximum(ratio * np.exp(-spread), 1.0), ratio * np.exp(spread)
 
 
 def plot_slip_scatter(axes: Axes, cases: Sequence[Case], is_paper: bool = False) -> None:
@@ -78,21 +79,11 @@ def plot_slip_scatter(axes: Axes, cases: Sequence[Case], is_paper: bool = False)
     if is_paper:
         low, high = (PERCENT * edge for edge in ABOUT_03)
         axes.axvspan(low, high, color="0.94", zorder=0, label="the paper's 30 %, as tested")
-    marks: list[_Marks] = []
-    for case, look, label in looks.by_length(cases):
-        mean, scatter = (PERCENT * case.data[name].values for name in ("slip_mean", "slip_std"))
-        if (plain := case.plain) is not None:
-            _plot_plain(axes, PERCENT * plain["slip_mean"], PERCENT * plain["slip_std"], look)
-        axes.errorbar(
-            mean, scatter, xerr=PERCENT * WIDTH * slip_mean_error(case),
-            yerr=PERCENT * WIDTH * case.data["slip_std_error"],
-            label=label, elinewidth=0.8, **look,
-        )  # fmt: skip
-        marks.append((mean, scatter, look["color"]))
-    axes.set(
-        xlabel=_SLIP_AXIS, ylabel="standard deviation over samples [%]",
-        xlim=(0, None), ylim=(0, None),
+    marks = _plot_over_slip(
+        axes, cases, "slip_std", PERCENT,
+        lambda case: PERCENT * WIDTH * case.data["slip_std_error"].values,
     )  # fmt: skip
+    axes.set(ylabel="standard deviation over samples [%]", ylim=(0, None))
     _number(axes, marks)
     looks.legend_of_marks(axes)
 
@@ -124,9 +115,9 @@ def plot_band(
     last = {"dof": dof - 1, "percentile": -1}
     highest = np.max([case.data["psd_percentiles"].isel(last) for case in framed or cases], axis=0)
     alike = [case.data.isel(dof=dof - 1) for case in cases]
-    _name_curves(axes, alike, _last_shown(frequency, highest, results))
     _mark_chain(axes, results)
     _frame_spectrum(axes, frequency, highest, results)
+    _name_curves(axes, alike)
     if len(framed) > len(cases):
         axes.legend(title=looks.level_name(cases[0]), ncols=2)
 
@@ -149,23 +140,19 @@ def percentile_interval(
     return ends[0], ends[1]
 
 
-def _name_curves(axes: Axes, alike: Sequence[xr.Dataset], last: float) -> None:
-    """Names of the mean and the percentiles at their curves."""
+def _name_curves(axes: Axes, alike: Sequence[xr.Dataset]) -> None:
+    """Names of the mean and the percentiles at their curves, within the axes."""
     frequency = alike[0]["frequency"].values
-    low, mean, high = (
-        np.stack([curve.values for curve in curves])
-        for curves in (
-            [one["psd_percentiles"][0] for one in alike],
-            [one["psd_mean"] for one in alike],
-            [one["psd_percentiles"][-1] for one in alike],
-        )
-    )
-    shown = np.flatnonzero((frequency > 0.1 * last) & (frequency < 0.6 * last) & (low > 0).all(0))
-    if not shown.size:
-        return
-    apart = high[:, shown].min(axis=0) / low[:, shown].max(axis=0)
-    wide = shown[np.argmax(apart)]
+    last, lowest = axes.get_xlim()[1], _LOWEST_NAME * axes.get_ylim()[0]
+    outer = np.array([one["psd_percentiles"].values for one in alike])[:, [0, -1]]
+    low, high = np.maximum(outer, lowest).swapaxes(0, 1)
+    mean = np.maximum([one["psd_mean"].values for one in alike], lowest)
+    apart = high.min(axis=0) / low.max(axis=0)
+    apart[(frequency <= 0.1 * last) | (frequency >= 0.6 * last)] = 0.0
+    wide = np.argmax(apart)
     first, final = alike[0]["percentile"].values[[0, -1]]
+    if final > first and apart[wide] <= 1.0:
+        return
     around = np.abs(frequency - frequency[wide]) < _BESIDE * last
     names = [
         (f"{first:g} %", low[:, around].min(), "top", -4),
@@ -180,11 +167,26 @@ def _name_curves(axes: Axes, alike: Sequence[xr.Dataset], last: float) -> None:
         )  # fmt: skip
 
 
-def _plot_plain(axes: Axes, x: xr.DataArray, y: xr.DataArray, look: style.Look) -> None:
-    """Pale marks: plain sampling, beside the estimates by regression."""
-    colour, share = look["markerfacecolor"]
-    pale = {"markerfacecolor": (colour, 0.3 * share), "markeredgecolor": (colour, 0.3), "zorder": 1}
-    axes.plot(x, y, **look | pale)
+def _plot_over_slip(
+    axes: Axes, cases: Sequence[Case], name: str, scale: float,
+    bars: Callable[[Case], NDArray[np.float64]],
+) -> list[_Marks]:  # fmt: skip
+    """A dataset, times a factor, over the mean time in slip; pale: the same by plain sampling."""
+    marks = []
+    for case, look, label in looks.by_length(cases):
+        mean, value = PERCENT * case.data["slip_mean"].values, scale * case.data[name].values
+        colour, share = look["markerfacecolor"]
+        if (plain := case.plain) is not None:
+            pale = {"markerfacecolor": (colour, 0.3 * share), "markeredgecolor": (colour, 0.3)}
+            faint = look | pale | {"zorder": 1}
+            axes.plot(PERCENT * plain["slip_mean"], scale * plain[name], **faint)
+        axes.errorbar(
+            mean, value, xerr=PERCENT * WIDTH * slip_mean_error(case), yerr=bars(case),
+            label=label, elinewidth=0.8, **look,
+        )  # fmt: skip
+        marks.append((mean, value, colour))
+    axes.set(xlabel="mean time in slip [%]", xlim=(0, None))
+    return marks
 
 
 def _number(axes: Axes, marks: Sequence[_Marks]) -> None:
@@ -214,29 +216,19 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
 
     Pale: the same by plain sampling.
     """
-    marks: list[_Marks] = []
-    for case, look, label in looks.by_length(cases):
-        ratio = case.data["band_ratio"].values
+
+    def bars(case: Case) -> NDArray[np.float64]:
         low, high = band_ratio_interval(case)
-        mean = PERCENT * case.data["slip_mean"].values
-        if (plain := case.plain) is not None:
-            _plot_plain(axes, PERCENT * plain["slip_mean"], plain["band_ratio"], look)
-        axes.errorbar(
-            mean, ratio, xerr=PERCENT * WIDTH * slip_mean_error(case),
-            yerr=np.clip([ratio - low, high - ratio], 0.0, None),
-            label=label, elinewidth=0.8, **look,
-        )  # fmt: skip
-        marks.append((mean, ratio, look["color"]))
+        ratio = case.data["band_ratio"].values
+        return np.clip([ratio - low, high - ratio], 0.0, None)
+
+    marks = _plot_over_slip(axes, cases, "band_ratio", 1.0, bars)
     first, last = cases[0].data["percentile"].values[[0, -1]]
     axes.set_yscale("log")
     style.label_logarithmic(axes.yaxis)
-    looks.legend_of_marks(axes)
-    axes.set(
-        xlabel=_SLIP_AXIS,
-        ylabel=rf"band ratio $\sigma_{{{last:g}}}^2\,/\,\sigma_{{{first:g}}}^2$",
-        xlim=(0, None),
-    )
+    axes.set_ylabel(rf"band ratio $\sigma_{{{last:g}}}^2\,/\,\sigma_{{{first:g}}}^2$")
     _number(axes, marks)
+    looks.legend_of_marks(axes)
 
 
 def plot_along(axes: Axes, cases: Sequence[Case], quantity: OfJoints) -> None:
@@ -245,9 +237,12 @@ def plot_along(axes: Axes, cases: Sequence[Case], quantity: OfJoints) -> None:
     for rank, case in enumerate(cases):
         mean, error = quantity.of(case)
         name = f"{named[case.process][0]}, std {case.std:.3g}, {looks.level_name(case)}"
+        look = style.of_rank(rank, len(cases))
+        if mean.size > _MOST_MARKED:
+            look["marker"] = "none"
         axes.errorbar(
             np.arange(1, mean.size + 1), mean, yerr=WIDTH * error,
-            label=name, elinewidth=0.8, **style.of_rank(rank, len(cases)),
+            label=name, elinewidth=0.8, **look,
         )  # fmt: skip
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="joint", ylabel=f"{quantity.title} [{quantity.unit}]", ylim=(0, None))

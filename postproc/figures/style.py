@@ -24,6 +24,7 @@ _MARKS = ("o", "s", "^", "D", "v", "P", "X")
 _DASHES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 2)))
 _LIGHTEST = 0.78  # of viridis, still seen on white
 _NARROW = 4.0  # ends of a logarithmic axis whose 1, 2, 3 and 5 may be none
+_WIDE = 1.0e3  # ends of a logarithmic axis whose 2, 3 and 5 would meet
 
 
 def apply_style(*others: str) -> None:
@@ -127,7 +128,7 @@ def mark_frequencies(axes: Axes, frequencies: Iterable[float], label: str, lines
 
 
 def label_logarithmic(axis: Axis) -> None:
-    """Plain numbers on a logarithmic axis that is drawn: its 1, 2, 3 and 5, or a few in between."""
+    """Plain numbers on a logarithmic axis that is drawn: 1, or 1, 2, 3 and 5, or a few between."""
     low, high = sorted(axis.get_view_interval())
     if high < _NARROW * low:
         axis.set_major_locator(MaxNLocator(4))
@@ -135,7 +136,7 @@ def label_logarithmic(axis: Axis) -> None:
         axis.set_minor_locator(NullLocator())
     else:
         axis.set_major_formatter(FuncFormatter(_short_tick))
-        axis.set_minor_formatter(FuncFormatter(_short_tick))
+        axis.set_minor_formatter("" if high > _WIDE * low else FuncFormatter(_short_tick))
 
 
 def _short_tick(value: float, _: int) -> str:

@@ -77,7 +77,8 @@ SCENES = {
         + "&campaign n_samples = 25 deterministic = .true. /\n"
         "&output quantities = 'slip', 'spectrum', 'history', 'transitions'"
         " segment_length = 256 dofs = 3 /\n",
-        {"fig_07", "fig_08a", "fig_09a", "fig_10a", "fig_11a", "history_c001", "history_c002"}
+        {"fig_07", "fig_08a", "fig_09a", "fig_10a", "fig_11a"}
+        | {f"{kind}_{case}" for kind in ("history", "hysteresis") for case in ("c001", "c002")}
         | ALONG,
     ),
     "one percentile": (
@@ -182,15 +183,31 @@ def test_lines_along_the_structure_are_every_process_at_every_level(results_of_s
 
 def test_a_joint_between_two_dofs_has_no_ratio_of_bands(results_of_scene, tmp_path):
     """Fig. 11 set the band of dof i over the slip of joint i, wherever that joint is."""
-    for name, matrix in (("M", np.eye(2)), ("K", np.array([[50.0, -25.0], [-25.0, 25.0]]))):
-        mmwrite(tmp_path / f"{name}.mtx", matrix)
-    (tmp_path / "joints.txt").write_text("2 0 50 10 0.2\n2 1 50 10 0.2\n")
-    text = PROCESS + FORCE + SHORT + CAMPAIGN + "&output segment_length = 256 /\n"
-    text += f"&structure mass_matrix = '{tmp_path}/M.mtx' joints = '{tmp_path}/joints.txt'"
-    text += f" stiffness_matrix = '{tmp_path}/K.mtx' /\n"
+    text = structure_of(np.array([[50.0, -25.0], [-25.0, 25.0]]), ("2 0", "2 1"), tmp_path)
     assert main([str(results_of_scene(text)), "--out", str(tmp_path)]) == 0
     drawn = {path.stem for path in tmp_path.glob("fig_*.png")}
     assert drawn == {"fig_09a", "fig_10a"}
+
+
+def test_a_ring_is_not_drawn_as_a_row(results_of_scene, tmp_path):
+    """Its joints hold dof by dof to the ground, as those of the paper's row of masses do."""
+    stiffness = 60.0 * np.eye(3) - 25.0 * (np.ones((3, 3)) - np.eye(3))
+    results = open_results(
+        results_of_scene(structure_of(stiffness, ("1 0", "2 0", "3 0"), tmp_path))
+    )
+    assert results.is_chain
+    assert "fig_07" not in [figure.name for figure in make_figures([results])]
+
+
+def structure_of(stiffness, joints, folder):
+    """A scene with unit masses and joints between these dofs, whose files are in the folder."""
+    for name, matrix in (("M", np.eye(len(stiffness))), ("K", stiffness)):
+        mmwrite(folder / f"{name}.mtx", matrix)
+    lines = [f"{joint} 50 10 0.2\n" for joint in joints]
+    (folder / "joints.txt").write_text("".join(lines))
+    text = PROCESS + FORCE + SHORT + CAMPAIGN + "&output segment_length = 256 /\n"
+    text += f"&structure mass_matrix = '{folder}/M.mtx' joints = '{folder}/joints.txt'"
+    return f"{text} stiffness_matrix = '{folder}/K.mtx' /\n"
 
 
 @pytest.fixture(scope="module")

@@ -315,7 +315,7 @@ def test_a_figure_outside_the_paper_says_nothing_of_it():
 
 
 def test_a_single_percentile_is_drawn_and_named_once(axes):
-    """It was the lower and the upper end of its band."""
+    """Its curve was the lower and the upper end of the band."""
     (case,) = drawn_with({"correlation": "L0", "correlation_length": 1.0})
     one = replace(case, data=case.data.isel(percentile=[0]))
     study_figures.plot_band(axes, [one], 1, results_of([one]))

@@ -156,6 +156,8 @@ def test_bars_hold_monte_carlo_and_the_finite_march():
     case.data["band_ratio_time_error"] = ("dof", [2.0 * 0.4 / 1.959964])
     low, high = study_figures.band_ratio_interval(case)
     np.testing.assert_allclose([low[0], high[0]], 2.0 * np.exp([-0.5, 0.5]))
+    case.data["band_ratio_time_error"] = ("dof", [4.0])  # no ratio is below 1
+    assert study_figures.band_ratio_interval(case)[0] == 1.0
 
 
 def test_one_look_for_one_thing():
