@@ -180,9 +180,6 @@ def mean_change(before: Values, after: Values, is_paired: bool) -> Change:
 
 def std_change(before: Values, after: Values, is_paired: bool) -> Change:
     """Change of the standard deviation over samples, by the influence of each sample on it."""
-    if len(before) < 2:
-        nothing = np.full(before.shape[1], np.nan)
-        return Change(nothing, nothing, nothing, nothing, nothing)
     spreads = [values.std(axis=0, ddof=1) for values in (before, after)]
     influences = [
         np.divide(
