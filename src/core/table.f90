@@ -4,7 +4,7 @@ module core_table
    use core_complaints, only: complaint_list, printable
    use core_kinds, only: wp
    use core_source, only: byte_order_mark, read_source, source_type
-   use core_text, only: parse_real, to_text
+   use core_text, only: blank_hint, parse_real, to_text
    implicit none(type, external)
    private
    public :: data_line, next_word, parse_row, parse_rows, read_table, separate_commas, table_type, &
@@ -162,6 +162,7 @@ contains
             rule = 'must be '//number_of_values(fewest, size(values))
          else
             call parse_real(text(first:last), values(n), rule)
+            if (allocated(rule)) rule = rule//blank_hint(text(first:last))
          end if
       end do
       if (n > 0 .and. n < fewest .and. .not. allocated(rule)) &

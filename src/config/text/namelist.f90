@@ -10,7 +10,7 @@ module config_text_namelist
    use core_complaints, only: complaint_list, printable
    use core_kinds, only: long
    use core_source, only: byte_order_mark, new_source, source_type
-   use core_text, only: lowered, parse_integer
+   use core_text, only: blank_hint, lowered, parse_integer
    implicit none(type, external)
    private
    public :: assignment_type, document_type, override_text
@@ -355,18 +355,6 @@ contains
                                   printable(text)//': '//rule//blank_hint(self%text_of(token)))
       end associate
    end subroutine complain
-
-   !> Hint if a word without quotes has a non-breaking space, which looks like a blank; else empty.
-   pure function blank_hint(word) result(hint)
-      character(*), intent(in) :: word
-      character(:), allocatable :: hint
-      character(*), parameter :: utf8 = char(194)//char(160), latin1 = char(160)
-
-      hint = ''
-      if (scan(word, '''"') == 1) return
-      if (index(word, utf8) > 0 .or. index(word, latin1) == 1) &
-         hint = ' (it holds a non-breaking space, U+00A0: type a plain blank)'
-   end function blank_hint
 
    !> Adds a complaint at a value, `file:line: group%name = value: rule`.
    subroutine refuse(self, group, token, name, value, rule)
