@@ -10,7 +10,7 @@ module driver_estimate
    use core_text, only: brief, counted, labelled, rounded_text, shell_word, to_text
    use driver_campaign, only: report_new_folders
    use driver_command_line, only: command_line
-   use io_files, only: exists, folder_of, make_folder, sync_file
+   use io_files, only: exists, file_size, folder_of, make_folder, remove_file, sync_file
    use parallel_world, only: start_world, stop_world, world_type
    use process_estimate, only: estimate_process, measured_record, process_estimate_type
    implicit none(type, external)
@@ -68,20 +68,23 @@ contains
       end if
    end subroutine write_estimate
 
-   !> Writes a text to a new file.
+   !> Writes a text to a new file, whole or not at all.
    subroutine write_scene(path, text, error)
       character(*), intent(in) :: path, text
       type(error_type), allocatable, intent(out) :: error
+      type(error_type), allocatable :: ignored
       character(256) :: reason
       integer :: status, unit
 
       open (newunit=unit, file=path, status='new', action='write', access='stream', &
             form='formatted', iostat=status, iomsg=reason)
       if (status == 0) write (unit, '(a)', advance='no', iostat=status, iomsg=reason) text
-      if (status == 0) flush (unit, iostat=status, iomsg=reason)
       if (status == 0) close (unit, iostat=status, iomsg=reason)
       if (status /= 0) then
          call raise(error, exit_file, path//': cannot be written: '//trim(reason))
+      else if (file_size(path) < len(text)) then   ! gfortran does not report a full disk
+         call raise(error, exit_file, path//': cannot be written to its end')
+         call remove_file(path, ignored)
       else
          call sync_file(path, error)
       end if
@@ -105,9 +108,9 @@ contains
       lags = ''
       do m = 1, n_lags
          value = 'no pairs'
-         if (.not. ieee_is_nan(found%correlation(m))) value = brief(found%correlation(m))
+         if (.not. ieee_is_nan(found%correlation(m))) value = decimals(found%correlation(m))
          if (m > 1) lags = lags//', '
-         lags = lags//value//' ('//brief(found%expected(m))//')'
+         lags = lags//value//' ('//decimals(found%expected(m))//')'
       end do
       text = text//labelled('correlation', 'at lags 1 to '//to_text(n_lags)// &
                             ' (of the process): '//lags) &
@@ -123,6 +126,14 @@ contains
                 brief(found%std_of_record_means)//')'
       text = text//labelled('note', note)
    end function estimates_text
+
+   !> Correlation in three decimals, as rounding leaves 2e-16 of a zero.
+   pure function decimals(correlation) result(text)
+      real(wp), intent(in) :: correlation
+      character(:), allocatable :: text
+
+      text = brief(nint(1000.0_wp*correlation)/1000.0_wp)
+   end function decimals
 
    !> Commands that plot the values beside realizations of the process.
    pure function plot_commands(data, scene, found) result(text)

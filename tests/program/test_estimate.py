@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
 
 import numpy as np
 import pytest
+
+from tests.conftest import ENVIRONMENT
 
 LINES = (
     "# friction along two flanges\n"
@@ -57,7 +61,9 @@ def test_a_mean_of_many_stds_keeps_its_digits(entroslip, data):
 def test_correlations_end_with_the_longest_record(entroslip, data):
     """Lags longer than the longest record are not printed."""
     data.write_text("0.31 0.29 0.33 0.30 0.28\n0.33 0.35 0.27 0.30 0.31\n")
-    assert "at lags 1 to 4 (of the process)" in entroslip("estimate", data).stdout
+    said = entroslip("estimate", data).stdout
+    assert "at lags 1 to 4 (of the process)" in said
+    assert "-0.163 (0), -0.464 (0), 0.231 (0)" in said  # a zero is none of 2e-16
 
 
 def test_a_correlation_of_few_pairs_is_at_most_one(entroslip, data):
@@ -73,6 +79,7 @@ def test_a_correlation_of_few_pairs_is_at_most_one(entroslip, data):
     ("text", "message"),
     [
         ("0.1\n0.2 x3\n", "friction.txt:2: x3: must be a number, or nan where none was measured"),
+        ("0.1\n0.2\u00a00.3\n", "none was measured (it holds a non-breaking space, U+00A0: type"),
         ("# nothing\n", "friction.txt: holds no values"),
         ("1 2 3\n", "3 values: an estimate needs 8"),
         ("0.3 " * 9, "all values are 0.3: they must scatter"),
@@ -125,6 +132,23 @@ def test_a_file_that_is_there_is_left_alone(entroslip, data):
     assert "exists already" in done.stderr
     assert done.stdout == ""  # told before the work
     assert data.read_text() == LINES
+
+
+def test_nothing_is_left_on_a_full_disk(program, data):
+    """An empty scene would be in the way of the next attempt."""
+    full = "mkdir full && mount -t tmpfs -o size=4k tmpfs full && head -c 4096 /dev/zero > full/z"
+    work = '"$0" estimate friction.txt --output full/joints.nml'
+    alone = ["unshare", "--mount", *([] if os.geteuid() == 0 else ["--map-root-user"]), "sh", "-c"]
+    if subprocess.run([*alone, full], cwd=data.parent, check=False).returncode != 0:
+        pytest.skip("no file system can be mounted")
+    (data.parent / "full").rmdir()
+    done = subprocess.run(
+        [*alone, f"{full} && {work}; code=$?; ls full; exit $code", program],
+        cwd=data.parent, env=ENVIRONMENT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 3
+    assert done.stderr == "entroslip: full/joints.nml: cannot be written to its end\n"
+    assert done.stdout.split()[-1] == "z"
 
 
 def test_a_missing_folder_is_made_and_named(entroslip, data):
