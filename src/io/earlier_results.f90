@@ -2,14 +2,17 @@
 !> to which a larger campaign adds others, and the stated errors of its cases, which are compared
 !> with the scene's targets.
 module io_earlier_results
+   use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_long, c_null_char, c_ptr
    use campaign_results, only: case_statistics
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_source, only: is_hdf5_file
+   use core_system, only: c_fopen
    use io_contents, only: check_contents
    use io_files, only: exists, file_size
    use io_hdf5, only: hdf5_file, hdf5_group, hdf5_object, open_hdf5
    use io_identity, only: identity_type, refuse_foreign, require_command, require_same
+   use io_posix, only: c_fclose, c_fileno, c_lseek
    use io_results, only: case_group
    use io_shards, only: finished_samples, shard_type
    implicit none(type, external)
@@ -64,15 +67,14 @@ contains
    end subroutine check_replaceable
 
    !> True if a file that HDF5 cannot open may be what a full disk has kept of a results file: its
-   !> beginning, or nothing. A terminal or /dev/null, which is empty too, is not.
+   !> beginning, or nothing. A pipe or a device such as /dev/null, which is empty too, is not.
    logical function is_damaged(path)
       character(*), intent(in) :: path
       character(9) :: beginning   ! HDF5's signature, and the version of its format: 3 in results
-      character(8) :: is_direct   ! 'NO' for character devices
       integer :: status, unit
 
-      inquire (file=path, direct=is_direct)
-      is_damaged = file_size(path) == 0 .and. is_direct /= 'NO'
+      is_damaged = file_size(path) == 0
+      if (is_damaged) is_damaged = has_positions(path)
       if (.not. is_hdf5_file(path)) return
       open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
             iostat=status)
@@ -81,6 +83,20 @@ contains
       if (status == 0) is_damaged = beginning(9:) == achar(3)
       close (unit)
    end function is_damaged
+
+   !> True if a file can be read from its second byte on: a pipe fails, a device stays at the first.
+   logical function has_positions(path)
+      character(*), intent(in) :: path
+      integer(c_int), parameter :: seek_set = 0
+      type(c_ptr) :: stream
+      integer(c_int) :: closed
+
+      has_positions = .false.
+      stream = c_fopen(path//c_null_char, 'r+'//c_null_char)   ! with 'r' a pipe would wait
+      if (.not. c_associated(stream)) return
+      has_positions = c_lseek(c_fileno(stream), 1_c_long, seek_set) == 1
+      closed = c_fclose(stream)
+   end function has_positions
 
    !> Finds the numbers of samples of the cases, then of their audits, in a results file. Reads the
    !> whole file; refuses one of another scene or program, and a damaged one.

@@ -53,6 +53,16 @@ def test_a_force_file_that_never_ends_is_refused_at_once(entroslip, tmp_path):
         assert done.stderr.endswith(f"{name}: is empty, or a pipe or a device\n")
 
 
+def test_a_pipe_stays_where_results_should_be(entroslip, tmp_path):
+    """So does a device: --fresh replaces results alone."""
+    os.mkfifo(tmp_path / "pipe")
+    scene = scene_with(tmp_path, "n_samples = 6", "n_samples = 2")
+    done = entroslip("run", scene, "--fresh", "--output", "pipe", timeout=20)
+    assert done.returncode == 3
+    assert "pipe was not written by this program" in done.stderr
+    assert (tmp_path / "pipe").is_fifo()
+
+
 @pytest.mark.parametrize("method", ["newmark", "event"])
 @pytest.mark.parametrize(("factor", "quantity"), [("1e1", "spectrum"), ("1e55", "slip")])
 def test_results_too_large_for_their_squares_are_refused(
