@@ -4,7 +4,7 @@ module structure_files
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_table, only: read_table, table_type
-   use core_text, only: counted, to_text
+   use core_text, only: brief, counted, to_text
    use structure_matrix_market, only: matrix_file, read_matrix
    use structure_model, only: build_structure, damping_type, part_names, structure_type
    implicit none(type, external)
@@ -129,14 +129,15 @@ contains
       type(structure_paths), intent(in) :: paths
       type(structure_type), intent(inout) :: structure
       type(complaint_list), intent(inout) :: complaints
-      character(*), parameter :: columns = 'dof_a dof_b stiffness normal_load friction'
+      character(*), parameter :: columns = 'dof_a dof_b stiffness normal_load friction '// &
+                                 '[friction_point]'
       type(table_type) :: table
       integer :: n_before, n_dofs
 
       n_before = complaints%n
       n_dofs = merge(2, 0, paths%directions == '')
       call read_table(paths%joints, n_dofs + 3, n_dofs + 4, table, complaints)
-      if (complaints%n == n_before .and. table%n_rows == 0) &
+      if (complaints%n > n_before .or. table%n_rows == 0) &
          call complaints%add_general(paths%joints//': must hold one joint or more, one a '// &
                                      'line: '//columns(merge(1, 13, n_dofs == 2):))
       if (complaints%n > n_before) return
@@ -232,7 +233,7 @@ contains
       count = 0
       associate (value => table%value(column, row))
          if (value < least .or. value > most .or. abs(value - aint(value)) > 0.0_wp) then
-            call table%refuse_row(row, name, to_text(value), 'must be a whole number from '// &
+            call table%refuse_row(row, name, brief(value), 'must be a whole number from '// &
                                   to_text(least)//' to '//to_text(most), complaints)
          else
             count = nint(value)
@@ -267,9 +268,8 @@ contains
       structure%n_forces = table%n_columns(1)
       do i = 1, table%n_rows
          if (table%n_columns(i) == structure%n_forces) cycle
-         call complaints%add_general(path//':'//to_text(table%line(i))//': holds '// &
-                                     to_text(table%n_columns(i))//' values: must be '// &
-                                     to_text(structure%n_forces)//', as on the first line')
+         call table%refuse_row(i, 'columns', to_text(table%n_columns(i)), 'must be '// &
+                               to_text(structure%n_forces)//', as on the first line', complaints)
          return
       end do
       structure%load = transpose(table%value(:structure%n_forces, :))

@@ -63,8 +63,8 @@ contains
          if (dt > longest) call raise(error, exit_bad_input, &
                                       'integration%dt = '//to_text(dt)//': must be at most '// &
                                       rounded_text(longest, 6, down=.true.)//' for a mode of '// &
-                                      brief(maxval(structure%frequencies_stuck))// &
-                                      ' Hz: a mass may be too light, a joint or spring too stiff')
+                                      brief(maxval(structure%frequencies_stuck))//' Hz: a '// &
+                                      'mass may be too light, a joint, spring or damper too stiff')
       end if
    end subroutine check_exact
 
