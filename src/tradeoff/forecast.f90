@@ -133,7 +133,7 @@ contains
       cost%audit_nanoseconds = cost%audit_nanoseconds + share*nanoseconds
    end subroutine time_level
 
-   !> Times a march twice and keeps the shorter time.
+   !> Times a march, a short one twice, and keeps the shorter time.
    subroutine time_march(plan, prepared, level, result, nanoseconds, error)
       type(plan_type), intent(in) :: plan
       type(runner_type), intent(in) :: prepared
@@ -144,8 +144,9 @@ contains
       real(wp) :: again
 
       call march_level(plan, level, own_setting(plan), never, result, nanoseconds, error, prepared)
-      if (.not. allocated(error)) &
-         call march_level(plan, level, own_setting(plan), never, result, again, error, prepared)
+      if (allocated(error)) return
+      if (1.0e-9_wp*nanoseconds*plan%integration%n_steps*size(level%sample) > budget) return
+      call march_level(plan, level, own_setting(plan), never, result, again, error, prepared)
       nanoseconds = min(nanoseconds, again)
    end subroutine time_march
 
