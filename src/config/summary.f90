@@ -8,8 +8,8 @@ module config_summary
    use config_groups, only: scene_type
    use config_process_summary, only: is_fitted_by_simulation, max_rows, process_table
    use core_kinds, only: two_pi, wp
-   use core_text, only: brief, counted, duration, joined, labelled, numbered, padded, size_text, &
-                        to_text
+   use core_text, only: brief, counted, duration, joined, labelled, lowered, numbered, padded, &
+                        size_text, to_text
    use process_model, only: process_model_type
    use process_scaling, only: first_of_fit
    use structure_model, only: structure_type
@@ -207,7 +207,7 @@ contains
          if (s%method == 'newmark') &
             method = 'newmark, at most '//counted(s%max_halvings, 'halving', 'halvings')
          span = s%n_steps*s%dt
-         steps = to_text(s%n_steps)//' steps of '//to_text(s%dt)//' s, '
+         steps = to_text(s%n_steps)//' steps of '//lowered(to_text(s%dt))//' s, '
          if (span < 1.0_wp) then   ! `duration` gives "less than 1 s"
             steps = steps//brief(span)//' s'
          else

@@ -81,7 +81,7 @@ def test_the_time_of_a_short_march_is_said(entroslip, tmp_path):
     (tmp_path / "s.nml").write_text(CHAIN.replace("&chain", "&chain friction = 0.2"))
     short = ("--set", "integration%dt=1.4e-4", "--set", "excitation%band=0,100")
     assert "1000 steps of 0.00843 s, 8.43 s\n" in entroslip("check", "s.nml").stdout
-    assert "1000 steps of 1.4E-4 s, 0.14 s\n" in entroslip("check", "s.nml", *short).stdout
+    assert "1000 steps of 1.4e-4 s, 0.14 s\n" in entroslip("check", "s.nml", *short).stdout
 
 
 def test_repetitions_are_announced(entroslip, tmp_path):
