@@ -16,8 +16,7 @@ module statistics_regression
    public :: law_deviation, law_mean, law_mean_of_exponential, law_percentile
 
    real(wp), parameter :: half_window = 0.01_wp    !! probability on either side of a percentile
-   real(wp), parameter :: near_share = 0.08_wp     !! near samples on a side, over all of a case
-   integer, parameter :: fewest_near = 4           !! samples near on either side
+   real(wp), parameter :: near_factor = 0.8_wp     !! near samples on a side, over root of all
    integer, parameter :: most_averaged = 24        !! points near a percentile in a mean of c_i
    real(wp), parameter :: largest_half_variance = 1.0_wp   !! upper limit of v/2
    real(wp), parameter :: variance_share = 0.25_wp   !! weight of [exp(G + v/2)] in a mean density
@@ -113,7 +112,7 @@ contains
       type(estimates_type), intent(out) :: estimate
       real(wp) :: average_row(size(law%rows, 1), size(values, 2))
       real(wp) :: average(size(surrogate%eigenvalue), size(values, 2)), sums(size(values, 1))
-      integer :: near(2*max(fewest_near, nint(near_share*(law%last - law%first + 1))), &
+      integer :: near(2*nint(near_factor*sqrt(real(law%last - law%first + 1, wp))), &
                       size(values, 2)), o                     ! (number, output) samples
       real(wp) :: residual(size(near, 1)), of_fit, of_sums    ! percentiles
       integer, allocatable :: points(:)
@@ -123,11 +122,10 @@ contains
       do o = 1, size(values, 2)
          call find_quantile(values(:, o), law%weight, p, half_window, of_fit, points)
          average_row(:, o) = mean_column(law%rows, points)
-         near(:, o) = samples_near(fit%predicted(:, o), of_fit, size(near, 1))
+         call add_residuals_near(fit, o, values(:, o), of_fit, near(:, o), sums)
          associate (own => fit%residual(law%first:law%last, o))
-            residual = fit%residual(near(:, o), o) - sum(own)/size(own)
+            sums = sums - sum(own)/size(own)
          end associate
-         sums = add_in_turn(values(:, o), residual)
          call find_quantile(sums, law%weight, p, 0.0_wp, of_sums, points)
          estimate%value(o) = 0.5_wp*(of_fit + of_sums)
          estimate%bias(o) = 0.5_wp*(of_fit - of_sums)   ! inwards, as plain sampling's
@@ -143,17 +141,53 @@ contains
       end do
    end subroutine law_percentile
 
-   !> Values plus residuals, which are repeated cyclically.
-   pure function add_in_turn(values, residual) result(sums)
-      real(wp), intent(in) :: values(:), residual(:)
-      real(wp) :: sums(size(values))
-      integer :: first, n
+   !> Adds to each value the residual of a sample predicted near it. The samples near are the same
+   !> for all values in one of n_parts parts of the range of the predictions.
+   pure subroutine add_residuals_near(fit, o, values, of_fit, near, sums)
+      type(fit_type), intent(in) :: fit
+      integer, intent(in) :: o                        !! output
+      real(wp), intent(in), contiguous :: values(:)   !! (point)
+      real(wp), intent(in) :: of_fit                  !! a value
+      integer, intent(out) :: near(:)                 !! samples near it
+      real(wp), intent(out), contiguous :: sums(:)    !! (point)
+      integer, parameter :: n_parts = 512
+      real(wp), dimension(size(fit%residual, 1)) :: place, residual   ! in their order
+      real(wp) :: least, scale
+      integer :: before(n_parts)   ! samples before those near
+      integer :: first, k, m, n
 
-      do first = 1, size(values), size(residual)
-         n = min(size(residual), size(values) - first + 1)
-         sums(first:first + n - 1) = values(first:first + n - 1) + residual(:n)
+      n = size(place)
+      associate (ranking => fit%ranking(:, o), predicted => fit%predicted(:, o))
+         residual = fit%residual(ranking, o)
+         least = predicted(ranking(1))
+         scale = n_parts/max(predicted(ranking(n)) - least, sqrt(tiny(least)))
+         place = (predicted(ranking) - least)*scale
+      end associate
+      m = 0
+      do k = 1, n_parts
+         do while (m < n)
+            if (place(m + 1) > k - 0.5_wp) exit
+            m = m + 1
+         end do
+         before(k) = max(0, min(m - size(near)/2, n - size(near)))
       end do
-   end function add_in_turn
+      do first = 0, size(values) - 1, size(near)   ! takes them in turn
+         do m = 1, min(size(near), size(values) - first)
+            sums(first + m) = values(first + m) + residual(before(part_of(values(first + m))) + m)
+         end do
+      end do
+      first = before(part_of(of_fit))
+      near = fit%ranking(first + 1:first + size(near), o)
+
+   contains
+
+      pure integer function part_of(value)
+         real(wp), intent(in) :: value
+
+         part_of = 1 + int(max(0.0_wp, min((value - least)*scale, n_parts - 1.0_wp)))
+      end function part_of
+
+   end subroutine add_residuals_near
 
    !> Mean of the columns at some places, or of `most_averaged` of them.
    pure function mean_column(columns, places) result(mean)
@@ -169,49 +203,6 @@ contains
       end do
       mean = mean/n
    end function mean_column
-
-   !> Samples whose predictions are next in rank to a value: equally many below and above, as far as
-   !> there are enough.
-   pure function samples_near(predicted, value, n_near) result(near)
-      real(wp), intent(in) :: predicted(:)   !! (sample)
-      real(wp), intent(in) :: value
-      integer, intent(in) :: n_near
-      integer :: near(n_near)
-      integer :: n_below, n_lower
-
-      n_below = count(predicted < value)
-      n_lower = max(min(n_near/2, n_below), n_near - (size(predicted) - n_below))
-      near(:n_lower) = smallest_places(value - predicted, predicted < value, n_lower)
-      near(n_lower + 1:) = smallest_places(predicted - value, predicted >= value, &
-                                           n_near - n_lower)
-   end function samples_near
-
-   !> Places of the n smallest values among the candidates, in ascending order.
-   pure function smallest_places(values, is_candidate, n) result(places)
-      real(wp), intent(in) :: values(:)
-      logical, intent(in) :: is_candidate(:)   !! n at least
-      integer, intent(in) :: n
-      integer :: places(n)
-      integer :: found, i, k
-
-      found = 0
-      do i = 1, size(values)
-         if (.not. is_candidate(i)) cycle
-         if (found == n) then
-            if (n == 0) return
-            if (values(i) >= values(places(n))) cycle
-         else
-            found = found + 1
-         end if
-         k = found
-         do while (k > 1)
-            if (values(places(k - 1)) <= values(i)) exit
-            places(k) = places(k - 1)
-            k = k - 1
-         end do
-         places(k) = i
-      end do
-   end function smallest_places
 
    !> Estimates the mean of y = exp(output), a density: D + ([exp(G + v/2)] - D)/4 with v the
    !> variance of G and D = [exp G] sqrt(ratio), ratio = sum y/sum exp(predicted). The bias is half

@@ -6,6 +6,7 @@ module statistics_surrogate
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_lapack, only: find_symmetric_eigenvectors, multiply
+   use numerics_sorting, only: sort_order
    use statistics_kernel, only: kernel_diagonal, kernel_rows, kernel_type
    implicit none(type, external)
    private
@@ -48,6 +49,7 @@ module statistics_surrogate
       real(wp), allocatable :: residual(:, :)      !! (sample, output) e_i, leave-one-out
       real(wp), allocatable :: one_minus_h(:, :)   !! (sample, output) 1 - h_ii
       real(wp), allocatable :: predicted(:, :)     !! (sample, output) y_i - e_i
+      integer, allocatable :: ranking(:, :)        !! (rank, output) samples, ascending in predicted
       integer, allocatable :: pair_outputs(:)      !! outputs whose kappa is computed
       integer, allocatable :: pair_samples(:)      !! samples whose pairs with all are used
       !> (sample j, pair sample i, pair output): change of e_i by leaving out j also, and of e_j by
@@ -219,6 +221,10 @@ contains
       fit%one_minus_h = 1.0_wp - (fit%one_minus_h + 1.0_wp/n)
       fit%residual = (y - fit%residual)/fit%one_minus_h
       fit%predicted = outputs - fit%residual
+      allocate (fit%ranking(n, n_out))
+      do o = 1, n_out
+         fit%ranking(:, o) = sort_order(fit%predicted(:, o))
+      end do
       call find_pairs(surrogate, fit)
    end subroutine fit_outputs
 
