@@ -78,6 +78,8 @@ contains
             call combine(law, values, fitted, sampled, [(0.0_wp, i=1, n_numbers)], blended, error)
             if (allocated(error)) return
             best(:, 1) = nonnegative_statistic(blended%value, blended%error, blended%ratio)
+            where (is_fraction) best(:, 1)%error = &
+               min(best(:, 1)%error, error_limit(best(:, 1)%value, sampled%value, law%n_samples))
             call law_deviation(surrogate, fit, law, values, fitted)
             sampled = over_all_samples(pool, case_number, plain_deviation(own), &
                                        plain(:, last, case_number)%value)
@@ -148,6 +150,19 @@ contains
       end subroutine estimate_percentiles
 
    end subroutine estimate_scalars
+
+   !> Standard error with which the interval of a fraction's mean reaches the farther end of
+   !> Wilson's, |m - sample_mean| <= 1.96 sqrt(m (1 - m)/n).
+   elemental real(wp) function error_limit(mean, sample_mean, n)
+      real(wp), intent(in) :: mean, sample_mean   !! estimate; mean of n samples
+      integer, intent(in) :: n
+      real(wp) :: q
+
+      q = normal_95**2/n
+      error_limit = (abs(mean*(1.0_wp + q) - sample_mean - 0.5_wp*q) &
+                     + sqrt(q*(sample_mean*(1.0_wp - sample_mean) + 0.25_wp*q))) &
+                    /((1.0_wp + q)*normal_95)
+   end function error_limit
 
    !> True if the interval of a percentile may begin at zero: more than one sample is zero, and as
    !> many as lie below plain sampling's interval (binomial, 95 %). A continuous G does not know a
