@@ -17,7 +17,7 @@ SCENE = """\
 &process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.02 positive = .true. /
 &chain n_dof = 2 normal_load = 1.0 /
 &excitation variance = 3.7, 41.1 /
-&integration method = 'event' n_steps = 60000 /
+&integration method = 'event' n_steps = 40000 /
 &campaign n_samples = 300 deterministic = .true. /
 &output quantities = 'slip', 'spectrum', 'energy', 'transitions' segment_length = 256 /
 """
