@@ -10,7 +10,6 @@ install_packages $build_packages
 { install_packages $test_packages; make_venv tests/requirements.txt; } &
 installed=$!
 build release
-wait $installed
 
 failed=0
 say "Beside what follows: the debug build, its unit and MPI tests (build/debug.log)"
@@ -18,6 +17,7 @@ say "Beside what follows: the debug build, its unit and MPI tests (build/debug.l
 debugged=$!
 say "Unit and MPI tests: release"
 ctest --preset release || failed=1
+wait $installed
 say "The program end to end, and the Python package"
 # Three processes on two cores, as some tests wait. Files in their order: docs and house, whose tests take longest, first.
 .venv/bin/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder tests || failed=1
