@@ -75,18 +75,24 @@ contains
       type(error_type), allocatable :: ignored
       character(256) :: reason
       integer :: status, unit
+      logical :: is_whole
 
       open (newunit=unit, file=path, status='new', action='write', access='stream', &
             form='formatted', iostat=status, iomsg=reason)
-      if (status == 0) write (unit, '(a)', advance='no', iostat=status, iomsg=reason) text
-      if (status == 0) close (unit, iostat=status, iomsg=reason)
       if (status /= 0) then
          call raise(error, exit_file, path//': cannot be written: '//trim(reason))
-      else if (file_size(path) < len(text)) then   ! gfortran does not report a full disk
+         return
+      end if
+      write (unit, '(a)', advance='no', iostat=status) text
+      is_whole = status == 0
+      close (unit, iostat=status)
+      is_whole = is_whole .and. status == 0
+      if (is_whole) is_whole = file_size(path) >= len(text)   ! gfortran may not report a full disk
+      if (is_whole) then
+         call sync_file(path, error)
+      else
          call raise(error, exit_file, path//': cannot be written to its end')
          call remove_file(path, ignored)
-      else
-         call sync_file(path, error)
       end if
    end subroutine write_scene
 

@@ -15,8 +15,9 @@ PROGRAM = Path(os.environ.get("ENTROSLIP", ROOT / "build/release/bin/entroslip")
 # Open MPI's starts and ends meet in one folder, which a start can find just made by another or just
 # removed: a folder of one's own for each process of tests, and never an empty one.
 SESSIONS = tempfile.TemporaryDirectory(prefix="ompi-")
-MET = Path(SESSIONS.name, f"ompi.{socket.gethostname().split('.')[0]}.{os.getuid()}", "kept")
-MET.mkdir(parents=True)
+Path(SESSIONS.name, f"ompi.{socket.gethostname().split('.')[0]}.{os.getuid()}", "kept").mkdir(
+    parents=True
+)
 ENVIRONMENT = os.environ | {
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",

@@ -3,11 +3,11 @@
 !> Lines are as in core_table; `nan` stands for a missing value.
 module config_measured
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use core_complaints, only: complaint_list, printable
+   use core_complaints, only: blank_hint, complaint_list, printable
    use core_kinds, only: wp
    use core_source, only: read_source, source_type
    use core_table, only: data_line, next_word, no_value, number_marks, separate_commas
-   use core_text, only: blank_hint, lowered, parse_real, to_text
+   use core_text, only: lowered, parse_real, to_text
    use process_estimate, only: measured_record
    implicit none(type, external)
    private

@@ -6,7 +6,7 @@ module core_complaints
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: complaint_list, printable
+   public :: blank_hint, complaint_list, printable
 
    integer, parameter :: max_kept = 200          !! complaints that are shown; others are counted
    integer, parameter :: window = 76             !! bytes of a line that are shown
@@ -123,6 +123,18 @@ contains
          if (text(len(text):) == achar(13)) clean = clean(:len(clean) - 1)
       end if
    end function printable
+
+   !> Hint if a word without quotes has a non-breaking space, which looks like a blank; else empty.
+   pure function blank_hint(word) result(hint)
+      character(*), intent(in) :: word
+      character(:), allocatable :: hint
+      character(*), parameter :: utf8 = char(194)//char(160), latin1 = char(160)
+
+      hint = ''
+      if (scan(word, '''"') == 1) return
+      if (index(word, utf8) > 0 .or. index(word, latin1) == 1) &
+         hint = ' (it holds a non-breaking space, U+00A0: type a plain blank)'
+   end function blank_hint
 
    !> True if a byte continues a UTF-8 character, and so needs no column on the screen.
    elemental logical function is_continuation(byte)

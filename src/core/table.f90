@@ -1,10 +1,10 @@
 !> Tables of numbers in text files. A line is a row; blanks, commas or semicolons separate its
 !> values. A comment begins with # or !.
 module core_table
-   use core_complaints, only: complaint_list, printable
+   use core_complaints, only: blank_hint, complaint_list, printable
    use core_kinds, only: wp
    use core_source, only: byte_order_mark, read_source, source_type
-   use core_text, only: blank_hint, parse_real, to_text
+   use core_text, only: parse_real, to_text
    implicit none(type, external)
    private
    public :: data_line, next_word, parse_row, parse_rows, read_table, separate_commas, table_type, &

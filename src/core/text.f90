@@ -4,7 +4,7 @@ module core_text
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
-   public :: blank_hint, lowered, nearest_name, parse_integer, parse_real, rounded_text, to_text
+   public :: lowered, nearest_name, parse_integer, parse_real, rounded_text, to_text
    public :: brief, counted, duration, joined, labelled, numbered, numbers_text, padded, &
              shell_word, size_text, suggestion
 
@@ -178,18 +178,6 @@ contains
       rule = 'must be a number'
       if (value == limit) deallocate (rule)   ! out of range, whatever the sign
    end subroutine parse_exponent
-
-   !> Hint if a word without quotes has a non-breaking space, which looks like a blank; else empty.
-   pure function blank_hint(word) result(hint)
-      character(*), intent(in) :: word
-      character(:), allocatable :: hint
-      character(*), parameter :: utf8 = char(194)//char(160), latin1 = char(160)
-
-      hint = ''
-      if (scan(word, '''"') == 1) return
-      if (index(word, utf8) > 0 .or. index(word, latin1) == 1) &
-         hint = ' (it holds a non-breaking space, U+00A0: type a plain blank)'
-   end function blank_hint
 
    !> Text in lower case.
    pure function lowered(text)

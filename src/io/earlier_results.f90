@@ -2,17 +2,14 @@
 !> to which a larger campaign adds others, and the stated errors of its cases, which are compared
 !> with the scene's targets.
 module io_earlier_results
-   use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_long, c_null_char, c_ptr
    use campaign_results, only: case_statistics
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_source, only: is_hdf5_file
-   use core_system, only: c_fopen
    use io_contents, only: check_contents
-   use io_files, only: exists, file_size
+   use io_files, only: exists, file_size, has_positions
    use io_hdf5, only: hdf5_file, hdf5_group, hdf5_object, open_hdf5
    use io_identity, only: identity_type, refuse_foreign, require_command, require_same
-   use io_posix, only: c_fclose, c_fileno, c_lseek
    use io_results, only: case_group
    use io_shards, only: finished_samples, shard_type
    implicit none(type, external)
@@ -83,20 +80,6 @@ contains
       if (status == 0) is_damaged = beginning(9:) == achar(3)
       close (unit)
    end function is_damaged
-
-   !> True if a file can be read from its second byte on: a pipe fails, a device stays at the first.
-   logical function has_positions(path)
-      character(*), intent(in) :: path
-      integer(c_int), parameter :: seek_set = 0
-      type(c_ptr) :: stream
-      integer(c_int) :: closed
-
-      has_positions = .false.
-      stream = c_fopen(path//c_null_char, 'r+'//c_null_char)   ! with 'r' a pipe would wait
-      if (.not. c_associated(stream)) return
-      has_positions = c_lseek(c_fileno(stream), 1_c_long, seek_set) == 1
-      closed = c_fclose(stream)
-   end function has_positions
 
    !> Finds the numbers of samples of the cases, then of their audits, in a results file. Reads the
    !> whole file; refuses one of another scene or program, and a damaged one.

@@ -7,10 +7,10 @@ module config_text_namelist
    use config_text_tokens, only: token_comma, token_end, token_group, token_index, token_name, &
                                  token_open_quote, token_type, token_word, tokenize
    use config_text_value_table, only: visitor_type
-   use core_complaints, only: complaint_list, printable
+   use core_complaints, only: blank_hint, complaint_list, printable
    use core_kinds, only: long
    use core_source, only: byte_order_mark, new_source, source_type
-   use core_text, only: blank_hint, lowered, parse_integer
+   use core_text, only: lowered, parse_integer
    implicit none(type, external)
    private
    public :: assignment_type, document_type, override_text

@@ -34,7 +34,7 @@ module io_hdf5_attributes
       procedure :: take_error
       procedure :: keep_failure
       procedure, private :: read_text, read_integer, read_real
-      procedure, private :: write_text, write_value, read_value, text_length
+      procedure, private :: write_text, write_value, read_value, text_length, fail
    end type hdf5_object
 
 contains
@@ -117,7 +117,7 @@ contains
       class default
          error stop 'attribute: a value of another type'
       end select
-      call self%keep_failure('attribute '//name//' of '//self%path, ': cannot be written')
+      call self%fail(name, ': cannot be written')
    end subroutine attribute
 
    !> Writes a text of fixed or variable length. HDF5 has no text of fixed length 0: a blank stands
@@ -159,6 +159,14 @@ contains
       call h5sclose_f(space, status)
    end subroutine write_value
 
+   !> Keeps an error if HDF5 failed to read or write an attribute.
+   subroutine fail(self, name, failure)
+      class(hdf5_object), intent(inout) :: self
+      character(*), intent(in) :: name, failure
+
+      call self%keep_failure('attribute '//name//' of '//self%path, failure)
+   end subroutine fail
+
    !> Reads a text of fixed or variable length.
    subroutine read_text(self, name, value)
       class(hdf5_object), intent(inout) :: self
@@ -188,7 +196,7 @@ contains
          call h5sclose_f(space, status)
       end if
       call h5tclose_f(kind, status)
-      call self%keep_failure('attribute '//name//' of '//self%path, ': cannot be read')
+      call self%fail(name, ': cannot be read')
    end subroutine read_text
 
    !> Length of a text of fixed length [byte]; 0 for one of variable length.
@@ -218,7 +226,7 @@ contains
 
       if (allocated(self%error)) return
       call self%read_value(name, H5T_NATIVE_INTEGER, c_loc(value))
-      call self%keep_failure('attribute '//name//' of '//self%path, ': cannot be read')
+      call self%fail(name, ': cannot be read')
    end subroutine read_integer
 
    subroutine read_real(self, name, value)
@@ -228,7 +236,7 @@ contains
 
       if (allocated(self%error)) return
       call self%read_value(name, H5T_NATIVE_DOUBLE, c_loc(value))
-      call self%keep_failure('attribute '//name//' of '//self%path, ': cannot be read')
+      call self%fail(name, ': cannot be read')
    end subroutine read_real
 
    !> Reads an attribute of one value; refuses an array, for which `value` has no memory.
