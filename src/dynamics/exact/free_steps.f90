@@ -120,18 +120,14 @@ contains
 
       i = paths%joint_row(entry)
       j = paths%joint(entry)
-      do l = 1, width
-         path(l) = 0.0_wp
-         velocity(l) = 0.0_wp
-         turn(l) = 0.0_wp
-      end do
+      path = 0.0_wp
+      velocity = 0.0_wp
+      turn = 0.0_wp
       k = degree
       do   ! with the exit at the end: sums stay in registers
-         do l = 1, width
-            path(l) = path(l) + x(l, i, k)
-            velocity(l) = velocity(l) + power(k)*x(l, i, k)
-            turn(l) = turn(l) + bend(k)*abs(x(l, i, k))
-         end do
+         path = path + x(:, i, k)
+         velocity = velocity + power(k)*x(:, i, k)
+         turn = turn + bend(k)*abs(x(:, i, k))
          k = k - 1
          if (k < 3) exit
       end do
@@ -150,11 +146,8 @@ contains
          guard(l) = merge(velocity(l), guard(l), abs(regime(l, j, regime_side)) > 0.0_wp) - turn(l)
          hits(l) = iand(bit(l), shifta(transfer(guard(l), 0_long), 63))   ! the guard's sign bit
       end do
-      if (allocated(paths%coupling)) then
-         do l = 1, width
-            least(l) = min(least(l), merge(guard(l), huge(1.0_wp), guard(l) >= 0.0_wp))
-         end do
-      end if
+      if (allocated(paths%coupling)) &
+         least = min(least, merge(guard, huge(1.0_wp), guard >= 0.0_wp))
       word = iany(hits)
    end subroutine find_row_candidates
 

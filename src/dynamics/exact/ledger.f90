@@ -118,37 +118,25 @@ contains
       real(wp), intent(inout) :: work(lanes, vectors)
       real(wp) :: velocity(lanes, size(self%mass))
       real(wp), dimension(lanes) :: total, t
-      integer :: e, g, i, k, l, v
+      integer :: e, g, i, k, v
 
       do v = 1, vectors
          do g = 1, size(self%node)
             t = self%node(g)*span(:, v)
             do i = 1, size(self%mass)
-               do l = 1, lanes
-                  total(l) = degree*x(l, v, i, degree)
-               end do
+               total = degree*x(:, v, i, degree)
                do k = degree - 1, 2, -1
-                  do l = 1, lanes
-                     total(l) = total(l)*t(l) + k*x(l, v, i, k)
-                  end do
+                  total = total*t + k*x(:, v, i, k)
                end do
-               do l = 1, lanes
-                  velocity(l, i) = total(l)*t(l) + x1(l, v, i)
-               end do
+               velocity(:, i) = total*t + x1(:, v, i)
             end do
             call add_responses(self, degree, self%node(g), lanes*(v - 1), velocity)
             do i = 1, size(self%mass)
-               do l = 1, lanes
-                  total(l) = self%decay(i)*velocity(l, i)
-               end do
+               total = self%decay(i)*velocity(:, i)
                do e = self%damping%start(i), self%damping%start(i + 1) - 1
-                  do l = 1, lanes
-                     total(l) = total(l) + self%damping%value(e)*velocity(l, self%damping%column(e))
-                  end do
+                  total = total + self%damping%value(e)*velocity(:, self%damping%column(e))
                end do
-               do l = 1, lanes
-                  work(l, v) = work(l, v) + self%weight(g)*span(l, v)*velocity(l, i)*total(l)
-               end do
+               work(:, v) = work(:, v) + self%weight(g)*span(:, v)*velocity(:, i)*total
             end do
          end do
       end do

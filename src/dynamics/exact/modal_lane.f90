@@ -179,7 +179,7 @@ contains
       real(wp) :: part(0:last_integral + n_markov + 1, size(joints), 0:2)   ! moments, by order
       real(wp), dimension(0:last_integral) :: power, total
       real(wp) :: place(lanes), share, velocity(lanes)
-      integer :: c, d, f, first, k, l, many, order, s
+      integer :: c, d, f, first, k, many, order, s
 
       many = size(joints)
       part = 0.0_wp
@@ -191,9 +191,7 @@ contains
       total = 0.0_wp
       do k = 1, path_degree
          share = share*time_left
-         do s = 0, last_integral
-            total(s) = total(s) + share*path(k)*integral_of(s, k)
-         end do
+         total = total + share*path(k)*integral_of(:, k)
       end do
       part(:last_integral, 1, 0) = power*total
       do order = 1, 2   ! responses of the sliders that follow: to the first; by Y_0 to each other
@@ -201,10 +199,8 @@ contains
             total = 0.0_wp
             do c = 1, merge(1, many, order == 1)
                do d = 0, merge(n_markov - 1, 0, order == 1)
-                  do s = 0, last_integral
-                     total(s) = total(s) &
-                                + markov(joints(f), joints(c), d)*part(s + d + 2, c, order - 1)
-                  end do
+                  total = total + markov(joints(f), joints(c), d) &
+                          *part(d + 2:d + 2 + last_integral, c, order - 1)
                end do
             end do
             part(:last_integral, f, order) = total
@@ -218,10 +214,10 @@ contains
          velocity = 0.0_wp
          do c = 1, many
             do d = 0, n_markov - 1
-               do l = 1, lanes
-                  place(l) = place(l) + moments(d + 2, c)*markov(first + l, joints(c), d)
-                  velocity(l) = velocity(l) + moments(d + 1, c)*markov(first + l, joints(c), d)
-               end do
+               associate (response => markov(first + 1:first + lanes, joints(c), d))
+                  place = place + moments(d + 2, c)*response
+                  velocity = velocity + moments(d + 1, c)*response
+               end associate
             end do
          end do
          ends(first + 1:first + lanes, 0) = place

@@ -123,13 +123,10 @@ contains
       integer, intent(in) :: n, moving(n)
       real(wp), intent(in) :: moves(lanes, *), x(lanes, groups, *), factor
       real(wp), intent(inout) :: motion(lanes, *)
-      integer :: i, l
+      integer :: i
 
       do i = 1, n
-         !$omp simd
-         do l = 1, lanes
-            motion(l, i) = factor*moves(l, moving(i))*x(l, 1, moving(i))
-         end do
+         motion(:, i) = factor*moves(:, moving(i))*x(:, 1, moving(i))
       end do
    end subroutine find_motion
 
@@ -141,7 +138,7 @@ contains
       real(wp), intent(in), contiguous :: motion(:, :, :)   !! e! x_e (lane, entry, e)
       real(wp), intent(inout) :: x(lanes, groups, strip, n_strips)
       real(wp) :: before, share, total(lanes, strip)
-      integer :: d, e, i, l, q, r
+      integer :: d, e, i, q, r
 
       before = merge(factorial(k), 0.0_wp, k < path_degree)   ! factor of the free path
       share = 1.0_wp/factorial(k)
@@ -151,10 +148,8 @@ contains
             d = k - 2 - e
             do i = 1, n
                do r = 1, strip
-                  do l = 1, lanes
-                     total(l, r) = total(l, r) &
-                                   + markov(strip*(q - 1) + r, moving(i), d)*motion(l, i, e)
-                  end do
+                  total(:, r) = total(:, r) &
+                                + markov(strip*(q - 1) + r, moving(i), d)*motion(:lanes, i, e)
                end do
             end do
          end do
@@ -168,18 +163,15 @@ contains
       real(wp), intent(in) :: moves(lanes, *), x1(lanes, groups, rows)
       real(wp), intent(in) :: x(lanes, groups, rows, 2:6)
       real(wp), intent(inout), contiguous :: moments(:, :, 0:)   !! (lane, joint, s)
-      integer :: i, j, l, s
+      integer :: i, j, s
 
       do i = 1, n
          j = moving(i)
          do s = 0, ubound(moments, 3)
-            !$omp simd
-            do l = 1, lanes
-               moments(l, j, s) = moves(l, j) &
-                                  *((integral(6, s)*x(l, 1, j, 6) + integral(5, s)*x(l, 1, j, 5)) &
-                                  + (integral(4, s)*x(l, 1, j, 4) + integral(3, s)*x(l, 1, j, 3)) &
-                                  + (integral(2, s)*x(l, 1, j, 2) + integral(1, s)*x1(l, 1, j)))
-            end do
+            moments(:lanes, j, s) = moves(:, j) &
+                                    *((integral(6, s)*x(:, 1, j, 6) + integral(5, s)*x(:, 1, j, 5)) &
+                                    + (integral(4, s)*x(:, 1, j, 4) + integral(3, s)*x(:, 1, j, 3)) &
+                                    + (integral(2, s)*x(:, 1, j, 2) + integral(1, s)*x1(:, 1, j)))
          end do
       end do
    end subroutine integrate

@@ -90,15 +90,13 @@ contains
       real(wp), intent(in) :: a(strip, columns, n_strips), x(lanes, columns)
       real(wp), intent(inout) :: y(lanes, strip, n_strips)
       real(wp) :: total(lanes, strip)
-      integer :: i, l, q, r
+      integer :: i, q, r
 
       do q = 1, n_strips
          total = 0.0_wp
          do i = 1, columns
             do r = 1, strip
-               do l = 1, lanes
-                  total(l, r) = total(l, r) + a(r, i, q)*x(l, i)
-               end do
+               total(:, r) = total(:, r) + a(r, i, q)*x(:, i)
             end do
          end do
          y(:, :, q) = total
@@ -129,10 +127,8 @@ contains
             i = 1
             do   ! with the exit at the end: sums stay in registers
                do r = 1, strip
-                  do l = 1, lanes
-                     u(l, r) = u(l, r) + place(r, i, q)*now(l, i)
-                     v(l, r) = v(l, r) + velocity(r, i, q)*rate(l, i)
-                  end do
+                  u(:, r) = u(:, r) + place(r, i, q)*now(:, i)
+                  v(:, r) = v(:, r) + velocity(r, i, q)*rate(:, i)
                end do
                i = i + 1
                if (i > n) exit
@@ -140,17 +136,13 @@ contains
             e = 0.0_wp
             do i = first(1), n
                do r = 1, strip
-                  do l = 1, lanes
-                     e(l, r) = e(l, r) + place(r, i, q)*midpoint(l, i, 1)
-                  end do
+                  e(:, r) = e(:, r) + place(r, i, q)*midpoint(:, i, 1)
                end do
             end do
             s = 0.0_wp
             do i = first(2), n
                do r = 1, strip
-                  do l = 1, lanes
-                     s(l, r) = s(l, r) + place(r, i, q)*midpoint(l, i, 2)
-                  end do
+                  s(:, r) = s(:, r) + place(r, i, q)*midpoint(:, i, 2)
                end do
             end do
             do r = 1, strip
@@ -201,11 +193,9 @@ contains
                do   ! with the exit at the end: sums stay in registers
                   j = moving(i)
                   do r = 1, strip
-                     do l = 1, lanes
-                        a(l, r) = a(l, r) + push(q + r, j)*moments(l, j, k)
-                        b(l, r) = b(l, r) + push(q + r, j)*moments(l, j, k + 1)
-                        c(l, r) = c(l, r) + push(q + r, j)*moments(l, j, k + 2)
-                     end do
+                     a(:, r) = a(:, r) + push(q + r, j)*moments(:lanes, j, k)
+                     b(:, r) = b(:, r) + push(q + r, j)*moments(:lanes, j, k + 1)
+                     c(:, r) = c(:, r) + push(q + r, j)*moments(:lanes, j, k + 2)
                   end do
                   i = i + 1
                   if (i > size(moving)) exit

@@ -82,7 +82,7 @@ contains
       real(wp), intent(in), dimension(width, *) :: stiffness, pull   !! (.., row)
       real(wp), intent(inout) :: x(width, *)                         !! (.., place)
       real(wp) :: a(width), b(width), scale
-      integer :: e, from, i, j, l, pair, to
+      integer :: e, from, i, pair, to
 
       associate (start => operator%start, place => operator%place(:, turn), value => operator%value)
          scale = operator%scale
@@ -90,39 +90,22 @@ contains
             i = 2*pair - 1
             from = operator%from(turn) + i
             to = operator%to + i
-            do l = 1, width
-               a(l) = stiffness(l, i)*x(l, from)
-               b(l) = stiffness(l, i + 1)*x(l, from + 1)
-            end do
-            if (operator%has_pull) then
-               do l = 1, width
-                  a(l) = a(l) - pull(l, i)
-                  b(l) = b(l) - pull(l, i + 1)
-               end do
-            end if
+            a = stiffness(:, i)*x(:, from)
+            b = stiffness(:, i + 1)*x(:, from + 1)
+            if (operator%has_pull) a = a - pull(:, i)
+            if (operator%has_pull) b = b - pull(:, i + 1)
             do e = start(1, pair), start(2, pair) - 1
-               j = place(e)
-               do l = 1, width
-                  a(l) = a(l) + value(1, e)*x(l, j)
-               end do
+               a = a + value(1, e)*x(:, place(e))
             end do
             do e = start(2, pair), start(3, pair) - 1
-               j = place(e)
-               do l = 1, width
-                  b(l) = b(l) + value(2, e)*x(l, j)
-               end do
+               b = b + value(2, e)*x(:, place(e))
             end do
             do e = start(3, pair), start(1, pair + 1) - 1
-               j = place(e)
-               do l = 1, width
-                  a(l) = a(l) + value(1, e)*x(l, j)
-                  b(l) = b(l) + value(2, e)*x(l, j)
-               end do
+               a = a + value(1, e)*x(:, place(e))
+               b = b + value(2, e)*x(:, place(e))
             end do
-            do l = 1, width
-               x(l, to) = scale*a(l)
-               x(l, to + 1) = scale*b(l)
-            end do
+            x(:, to) = scale*a
+            x(:, to + 1) = scale*b
          end do
       end associate
    end subroutine next_power
