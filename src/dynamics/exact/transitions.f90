@@ -169,96 +169,72 @@ contains
       type(transition_group), intent(inout) :: group
       real(wp), parameter :: last_step = 1.0e-5_wp   ! at most: its cube is below rounding
       real(wp) :: g(group_size, 0:most_degree)
-      real(wp), dimension(group_size) :: concave, curve, falling, finish, rest, sense, slope
-      real(wp), dimension(group_size) :: step, t, value
-      real(wp) :: least, moving, other, turn
-      integer :: e, halley, k
+      real(wp), dimension(group_size) :: concave, curve, falling, finish, least, moving, other, &
+                                         rest, sense, slope, step, t, turn, value
+      integer :: halley, k
 
       associate (c => group%path, side => group%side, reach => group%reach)
          ! the guard: velocity along the slip, or distance to the limit that is nearer at the end
          value = c(:, degree)
          slope = degree*c(:, degree)
+         !GCC$ unroll 8
          do k = degree - 1, 1, -1
-            !$omp simd
-            do e = 1, group_size
-               value(e) = value(e) + c(e, k)
-               slope(e) = slope(e) + k*c(e, k)
-            end do
+            value = value + c(:, k)
+            slope = slope + k*c(:, k)
          end do
-         !$omp simd
-         do e = 1, group_size
-            moving = abs(side(e))
-            value(e) = value(e) + (c(e, 0) - group%slider(e))
-            sense(e) = merge(side(e), sign(1.0_wp, value(e)), moving > 0.0_wp)
-            finish(e) = merge(sense(e)*slope(e), reach(e) - sense(e)*value(e), moving > 0.0_wp)
-            g(e, 0) = merge(sense(e)*c(e, 1), reach(e) - sense(e)*(c(e, 0) - group%slider(e)), &
-                            moving > 0.0_wp)
-            g(e, degree) = merge(0.0_wp, -sense(e)*c(e, degree), moving > 0.0_wp)
-            rest(e) = 0.0_wp
-            falling(e) = 0.0_wp
-            concave(e) = 0.0_wp
-         end do
+         moving = abs(side)
+         value = value + (c(:, 0) - group%slider)
+         sense = merge(side, sign(1.0_wp, value), moving > 0.0_wp)
+         finish = merge(sense*slope, reach - sense*value, moving > 0.0_wp)
+         g(:, 0) = merge(sense*c(:, 1), reach - sense*(c(:, 0) - group%slider), moving > 0.0_wp)
+         g(:, degree) = merge(0.0_wp, -sense*c(:, degree), moving > 0.0_wp)
+         rest = 0.0_wp
+         falling = 0.0_wp
+         concave = 0.0_wp
+         !GCC$ unroll 8
          do k = 1, degree - 1
-            !$omp simd
-            do e = 1, group_size
-               g(e, k) = sense(e)*merge((k + 1)*c(e, k + 1), -c(e, k), abs(side(e)) > 0.0_wp)
-            end do
+            g(:, k) = sense*merge((k + 1)*c(:, k + 1), -c(:, k), moving > 0.0_wp)
          end do
+         !GCC$ unroll 8
          do k = 3, degree
-            !$omp simd
-            do e = 1, group_size
-               rest(e) = rest(e) + abs(g(e, k))
-               falling(e) = falling(e) + k*abs(g(e, k))
-               concave(e) = concave(e) + (k*(k - 1))*abs(g(e, k))
-            end do
+            rest = rest + abs(g(:, k))
+            falling = falling + k*abs(g(:, k))
+            concave = concave + (k*(k - 1))*abs(g(:, k))
          end do
 
          ! least values over the part: the parabola's, less the absolute values of the higher powers
-         !$omp simd
-         do e = 1, group_size
-            moving = abs(side(e))
-            turn = -g(e, 1)/merge(2.0_wp*g(e, 2), 1.0_wp, abs(g(e, 2)) > 1.0e-100_wp)
-            turn = min(max(turn, 0.0_wp), 1.0_wp)
-            turn = g(e, 0) + turn*(g(e, 1) + turn*g(e, 2))
-            other = g(e, 0) + (g(e, 1) + g(e, 2))
-            least = min(min(g(e, 0), turn), other) - rest(e)
-            other = max(max(g(e, 0), turn), other) + rest(e)
-            other = merge(1.0_wp, 2.0_wp*reach(e) - other, moving > 0.0_wp)
-            group%clear_margin(e) = min(least, other)
-            falling(e) = -(g(e, 1) + max(2.0_wp*g(e, 2), 0.0_wp) + falling(e))
-            concave(e) = -(2.0_wp*g(e, 2) + concave(e))
-            group%plain_margin(e) = min(min(-finish(e), g(e, 0)), &
-                                        min(other, max(falling(e), concave(e))))
-            turn = sqrt(max(g(e, 1)**2 - 4.0_wp*g(e, 2)*g(e, 0), 0.0_wp)) - g(e, 1)
-            turn = 2.0_wp*g(e, 0)/merge(turn, 1.0_wp, turn > 0.0_wp)
-            t(e) = min(max(turn, 0.0_wp), 1.0_wp)
-         end do
+         turn = -g(:, 1)/merge(2.0_wp*g(:, 2), 1.0_wp, abs(g(:, 2)) > 1.0e-100_wp)
+         turn = min(max(turn, 0.0_wp), 1.0_wp)
+         turn = g(:, 0) + turn*(g(:, 1) + turn*g(:, 2))
+         other = g(:, 0) + (g(:, 1) + g(:, 2))
+         least = min(min(g(:, 0), turn), other) - rest
+         other = max(max(g(:, 0), turn), other) + rest
+         other = merge(1.0_wp, 2.0_wp*reach - other, moving > 0.0_wp)
+         group%clear_margin = min(least, other)
+         falling = -(g(:, 1) + max(2.0_wp*g(:, 2), 0.0_wp) + falling)
+         concave = -(2.0_wp*g(:, 2) + concave)
+         group%plain_margin = min(min(-finish, g(:, 0)), min(other, max(falling, concave)))
+         turn = sqrt(max(g(:, 1)**2 - 4.0_wp*g(:, 2)*g(:, 0), 0.0_wp)) - g(:, 1)
+         turn = 2.0_wp*g(:, 0)/merge(turn, 1.0_wp, turn > 0.0_wp)
+         t = min(max(turn, 0.0_wp), 1.0_wp)
          do halley = 1, 2
             value = g(:, degree)
             slope = 0.0_wp
             curve = 0.0_wp
+            !GCC$ unroll 8
             do k = degree - 1, 0, -1
-               !$omp simd
-               do e = 1, group_size
-                  curve(e) = curve(e)*t(e) + slope(e)   ! half the second derivative
-                  slope(e) = slope(e)*t(e) + value(e)
-                  value(e) = value(e)*t(e) + g(e, k)
-               end do
+               curve = curve*t + slope   ! half the second derivative
+               slope = slope*t + value
+               value = value*t + g(:, k)
             end do
-            !$omp simd
-            do e = 1, group_size
-               turn = slope(e)**2 - value(e)*curve(e)
-               step(e) = value(e)*slope(e)/merge(turn, 1.0_wp, abs(turn) > tiny(1.0_wp))
-               step(e) = min(max(step(e), -1.0_wp), 1.0_wp)
-               t(e) = t(e) - step(e)
-            end do
+            turn = slope**2 - value*curve
+            step = value*slope/merge(turn, 1.0_wp, abs(turn) > tiny(1.0_wp))
+            step = min(max(step, -1.0_wp), 1.0_wp)
+            t = t - step
          end do
-         !$omp simd
-         do e = 1, group_size
-            group%plain_margin(e) = min(min(group%plain_margin(e), last_step - abs(step(e))), &
-                                        min(t(e), 1.0_wp - t(e)))
-            group%time(e) = merge(t(e), 0.5_wp, group%plain_margin(e) > 0.0_wp)
-         end do
+         group%plain_margin = min(min(group%plain_margin, last_step - abs(step)), &
+                                  min(t, 1.0_wp - t))
+         group%time = merge(t, 0.5_wp, group%plain_margin > 0.0_wp)
       end associate
    end subroutine find_zero
 
@@ -267,25 +243,21 @@ contains
       integer, value :: degree
       real(wp), intent(in) :: span(group_size)   !! [parts]
       type(transition_group), intent(inout) :: group
-      integer :: e, k, m
+      integer :: k, m
 
+      !GCC$ unroll 8
       do m = 0, degree - 1
+         !GCC$ unroll 8
          do k = degree - 1, m, -1
-            !$omp simd
-            do e = 1, group_size
-               group%path(e, k) = group%path(e, k) + span(e)*group%path(e, k + 1)
-            end do
+            group%path(:, k) = group%path(:, k) + span*group%path(:, k + 1)
          end do
       end do
-      !$omp simd
-      do e = 1, group_size
-         associate (moving => abs(group%side(e)))
-            group%direction(e) = merge(1.0_wp, -1.0_wp, group%path(e, 1) >= 0.0_wp)
-            group%direction(e) = merge(group%side(e), group%direction(e), moving > 0.0_wp)
-            group%path(e, 1) = merge(0.0_wp, group%path(e, 1), moving > 0.0_wp)
-            group%place(e) = group%path(e, 0)
-         end associate
-      end do
+      associate (moving => abs(group%side))
+         group%direction = merge(1.0_wp, -1.0_wp, group%path(:, 1) >= 0.0_wp)
+         group%direction = merge(group%side, group%direction, moving > 0.0_wp)
+         group%path(:, 1) = merge(0.0_wp, group%path(:, 1), moving > 0.0_wp)
+         group%place = group%path(:, 0)
+      end associate
    end subroutine shift_path
 
    !> Finds the responses of the joints' own rows (6), and what they add to values at the end (7).
@@ -293,55 +265,37 @@ contains
       integer, value :: degree
       type(transition_group), intent(inout) :: group
       real(wp), dimension(group_size) :: first, jump, power, r
-      integer :: e, k, s
+      integer :: k, s
 
       associate (c => group%path, d => group%response)
-         !$omp simd
-         do e = 1, group_size
-            r(e) = 1.0_wp - group%time(e)
-            power(e) = r(e)**2
-            jump(e) = merge(-group%spring(e), group%spring(e), abs(group%side(e)) > 0.0_wp)
-            group%own(e, 2) = group%own(e, 2) - (group%stiffness(e) - jump(e))
-            d(e, 3) = jump(e)*c(e, 1)*(1.0_wp/6.0_wp)
-            group%ends(e, 1) = 0.0_wp
-            group%ends(e, 2) = 0.0_wp
-         end do
+         r = 1.0_wp - group%time
+         power = r**2
+         jump = merge(-group%spring, group%spring, abs(group%side) > 0.0_wp)
+         group%own(:, 2) = group%own(:, 2) - (group%stiffness - jump)
+         d(:, 3) = jump*c(:, 1)*(1.0_wp/6.0_wp)
+         group%ends = 0.0_wp
+         !GCC$ unroll 8
          do k = 4, degree
-            !$omp simd
-            do e = 1, group_size
-               d(e, k) = jump(e)*c(e, k - 2)*(1.0_wp/(k*(k - 1)))
-            end do
+            d(:, k) = jump*c(:, k - 2)*(1.0_wp/(k*(k - 1)))
             do s = 1, min(n_response_sums, degree - 4, k - 3)   ! others are below its error
-               !$omp simd
-               do e = 1, group_size
-                  d(e, k) = d(e, k) + group%own(e, s)*d(e, k - s)*integral(k - s, s)
-               end do
+               d(:, k) = d(:, k) + group%own(:, s)*d(:, k - s)*integral(k - s, s)
             end do
          end do
+         !GCC$ unroll 8
          do k = 3, degree
-            !$omp simd
-            do e = 1, group_size
-               group%ends(e, 2) = group%ends(e, 2) + k*(d(e, k)*power(e))
-               power(e) = power(e)*r(e)
-               group%ends(e, 1) = group%ends(e, 1) + d(e, k)*power(e)
-            end do
+            group%ends(:, 2) = group%ends(:, 2) + k*(d(:, k)*power)
+            power = power*r
+            group%ends(:, 1) = group%ends(:, 1) + d(:, k)*power
          end do
-         group%ends(:, 3:) = 0.0_wp
          first = r**2
          do s = 1, min(n_response_sums, degree - 4)
-            !$omp simd
-            do e = 1, group_size
-               first(e) = first(e)*r(e)
-               power(e) = first(e)
-            end do
+            first = first*r
+            power = first
+            !GCC$ unroll 8
             do k = 3, degree - s
-               !$omp simd
-               do e = 1, group_size
-                  group%ends(e, 2*s + 2) = group%ends(e, 2*s + 2) &
-                                           + d(e, k)*power(e)*integral(k, s - 1)
-                  power(e) = power(e)*r(e)
-                  group%ends(e, 2*s + 1) = group%ends(e, 2*s + 1) + d(e, k)*power(e)*integral(k, s)
-               end do
+               group%ends(:, 2*s + 2) = group%ends(:, 2*s + 2) + d(:, k)*power*integral(k, s - 1)
+               power = power*r
+               group%ends(:, 2*s + 1) = group%ends(:, 2*s + 1) + d(:, k)*power*integral(k, s)
             end do
          end do
       end associate
@@ -352,34 +306,26 @@ contains
    pure subroutine judge(degree, group)
       integer, value :: degree
       type(transition_group), intent(inout) :: group
-      real(wp), dimension(group_size) :: power, r, tail, turn, outcome
-      real(wp) :: inwards, onwards
-      integer :: e, k
+      real(wp), dimension(group_size) :: inwards, onwards, outcome, power, r, tail, turn
+      integer :: k
 
       associate (c => group%path)
          r = 1.0_wp - group%time
          power = r
          tail = 0.0_wp
          turn = 0.0_wp
+         !GCC$ unroll 8
          do k = 3, degree
-            !$omp simd
-            do e = 1, group_size
-               tail(e) = tail(e) + power(e)*abs(c(e, k) + group%response(e, k))
-               power(e) = power(e)*r(e)
-               turn(e) = turn(e) + k*power(e)*abs(c(e, k) + group%response(e, k))
-            end do
+            tail = tail + power*abs(c(:, k) + group%response(:, k))
+            power = power*r
+            turn = turn + k*power*abs(c(:, k) + group%response(:, k))
          end do
-         !$omp simd
-         do e = 1, group_size
-            inwards = min(-group%direction(e)*c(e, 2), &
-                          2.0_wp*group%reach(e) - abs(c(e, 2))) - tail(e)
-            onwards = group%direction(e)*c(e, 1) - turn(e) &
-                      + min(0.0_wp, 2.0_wp*group%direction(e)*c(e, 2)*r(e))
-            inwards = min(group%plain_margin(e), &
-                          merge(inwards, onwards, abs(group%side(e)) > 0.0_wp))
-            outcome(e) = merge(real(plain, wp), real(irregular, wp), inwards > 0.0_wp)
-            outcome(e) = merge(real(clear, wp), outcome(e), group%clear_margin(e) > 0.0_wp)
-         end do
+         inwards = min(-group%direction*c(:, 2), 2.0_wp*group%reach - abs(c(:, 2))) - tail
+         onwards = group%direction*c(:, 1) - turn &
+                   + min(0.0_wp, 2.0_wp*group%direction*c(:, 2)*r)
+         inwards = min(group%plain_margin, merge(inwards, onwards, abs(group%side) > 0.0_wp))
+         outcome = merge(real(plain, wp), real(irregular, wp), inwards > 0.0_wp)
+         outcome = merge(real(clear, wp), outcome, group%clear_margin > 0.0_wp)
       end associate
       group%outcome = nint(outcome)
    end subroutine judge
