@@ -95,14 +95,14 @@ contains
       real(wp), intent(out) :: displacement(:, :, :)
       real(wp), intent(out), optional :: velocity(:, :, :)
       type(error_type), allocatable, intent(out) :: error
-      integer, parameter :: steps_together = 64   ! most steps between samples, to share cached data
       type(newmark_block) :: block
       integer(long) :: next_tick(state%n_samples)   ! time of the next record; -1: none
-      integer(long) :: record_ticks                 ! time between records
-      integer :: n_records(state%n_samples), n_steps, step
+      integer(long) :: last, record_ticks           ! end; time between records
+      integer :: k, n_active, n_due, n_failed, n_records(state%n_samples), n_switching, w
+      integer, dimension(state%n_samples + 1) :: sample, due, failed, switching
+      integer(long), dimension(state%n_samples) :: has_crossed, is_active, is_due, is_switching
 
-      n_steps = ubound(force, 1)
-      if (n_steps == 0) return
+      if (ubound(force, 1) == 0) return
       call load_block(self%steps%frame, self%dt, self%steps%max_halvings, force, state, block)
       n_records = 0
       next_tick = -1
@@ -110,60 +110,38 @@ contains
       ! state%step counts from the start of the march, ticks from the start of this piece
       if (size(displacement) > 0) &
          next_tick = record_ticks - shiftl(modulo(state%step, int(every, long)), block%max_halvings)
-      do step = 0, n_steps - 1, steps_together
-         call march_to(min(step + steps_together, n_steps))
+      last = shiftl(int(ubound(force, 1), long), block%max_halvings)
+      sample = [(w, w=1, state%n_samples + 1)]
+      n_active = state%n_samples
+      do while (n_active > 0)   ! a trial step of each sample that is not at the end
+         has_crossed = 0
+         call self%steps%try_steps(sample(:n_active), block, has_crossed)
+         if (state%keeps_ledger) call block%add_work(sample(:n_active), has_crossed)
+         call list_marked(has_crossed, failed, n_failed)
+         do k = 1, n_failed
+            call block%predict_crossing(failed(k))
+         end do
+         call finish_trials(block, last, has_crossed, next_tick, is_active, is_due, is_switching)
+         call list_marked(is_active, sample, n_active)
+         call list_marked(is_due, due, n_due)
+         call list_marked(is_switching, switching, n_switching)
+         do k = 1, n_switching
+            w = switching(k)
+            call block%switch_at_nearer_end(state, w)
+            if (block%tick(w) == next_tick(w)) call append(w, due, n_due)
+            if (block%tick(w) < last) call append(w, sample, n_active)
+         end do
+         do k = 1, n_due
+            w = due(k)
+            n_records(w) = n_records(w) + 1
+            next_tick(w) = next_tick(w) + record_ticks
+            associate (motion => block%motion(:block%frame%n_dof, :, block%slot(w), w))
+               displacement(n_records(w), :, w) = motion(:, 3)
+               if (present(velocity)) velocity(n_records(w), :, w) = motion(:, 2)
+            end associate
+         end do
       end do
       call store_block(block, state)
-
-   contains
-
-      !> Marches all samples to the end of a step, in rounds of one trial step of each.
-      subroutine march_to(step)
-         integer, intent(in) :: step
-         integer, dimension(block%n_samples + 1) :: sample, due, failed, switching
-         integer(long), dimension(block%n_samples) :: has_crossed, is_active, is_due, is_switching
-         integer(long) :: last
-         integer :: k, n_active, n_due, n_failed, n_switching, w
-
-         last = shiftl(int(step, long), block%max_halvings)
-         sample = [(w, w=1, block%n_samples + 1)]
-         n_active = block%n_samples
-         do while (n_active > 0)
-            has_crossed = 0
-            call self%steps%try_steps(sample(:n_active), block, has_crossed)
-            if (state%keeps_ledger) call block%add_work(sample(:n_active), has_crossed)
-            call list_marked(has_crossed, failed, n_failed)
-            do k = 1, n_failed
-               call block%predict_crossing(failed(k))
-            end do
-            call finish_trials(block, last, has_crossed, next_tick, is_active, is_due, is_switching)
-            call list_marked(is_active, sample, n_active)
-            call list_marked(is_due, due, n_due)
-            call list_marked(is_switching, switching, n_switching)
-            do k = 1, n_switching
-               w = switching(k)
-               call block%switch_at_nearer_end(state, w)
-               if (block%tick(w) == next_tick(w)) call append(w, due, n_due)
-               if (block%tick(w) < last) call append(w, sample, n_active)
-            end do
-            do k = 1, n_due
-               call record(due(k))
-            end do
-         end do
-      end subroutine march_to
-
-      !> Records the present motion of sample w.
-      subroutine record(w)
-         integer, intent(in) :: w
-
-         n_records(w) = n_records(w) + 1
-         next_tick(w) = next_tick(w) + record_ticks
-         associate (motion => block%motion(:block%frame%n_dof, :, block%slot(w), w))
-            displacement(n_records(w), :, w) = motion(:, 3)
-            if (present(velocity)) velocity(n_records(w), :, w) = motion(:, 2)
-         end associate
-      end subroutine record
-
    end subroutine advance
 
    !> Accepts or refuses the trials of all samples before the last tick, and finds their next steps.
