@@ -205,7 +205,7 @@ contains
             ratio_bias = exp(ratio_bias) - 1.0_wp
             ratio%value = top/bottom
          end associate
-         ratio%low = ratio%value*exp(-spread)
+         ratio%low = max(1.0_wp, ratio%value*exp(-spread))
          ratio%high = ratio%value*exp(spread)
       end associate
    end subroutine find_errors

@@ -236,7 +236,7 @@ contains
          sides = stretch_of(bottom)
          sides = (top_error*stretch_of(top) + bottom_error*sides(2:1:-1)) &
                  /max(top_error + bottom_error, tiny(error))
-         best%low = best%value*exp(-normal_95*error*sides(1))
+         best%low = max(1.0_wp, best%value*exp(-normal_95*error*sides(1)))
          best%high = best%value*exp(normal_95*error*sides(2))
       end subroutine find_ratio
 
