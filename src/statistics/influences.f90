@@ -15,7 +15,8 @@ module statistics_influences
 
    !> means of exponentials have the variance of G from every 4th point
    integer, parameter, public :: thinning = 4
-   real(wp), parameter :: largest_ratio = 3.0_wp   !! upper limit of E
+   real(wp), parameter :: largest_ratio = 4.0_wp           !! upper limit of E
+   real(wp), parameter :: largest_density_ratio = 3.0_wp   !! the same for mean densities
 
    !> Law of a case: its points, the kernel at them, and the samples that were drawn from it.
    type, extends(law_type) :: case_law_type
@@ -56,7 +57,7 @@ contains
    end subroutine prepare_thin_points
 
    !> E of formula (8): variance of a function of G over the law relative to that over the samples,
-   !> within 1..3. The samples are those of the case for plain sampling; for the fit those of the
+   !> within 1..4. The samples are those of the case for plain sampling; for the fit those of the
    !> case or the pool, whichever have more variance.
    pure function tail_ratio(law, values, predicted) result(ratio)
       type(case_law_type), intent(in) :: law
@@ -94,7 +95,7 @@ contains
       law_variance = sum(share**2/weight*growth**4)/dot_product(share, growth)**2 - 1.0_wp
       ratio = 1.0_wp
       if (sample_variance > 0.0_wp) &
-         ratio = max(1.0_wp, min(law_variance/sample_variance, largest_ratio))
+         ratio = max(1.0_wp, min(law_variance/sample_variance, largest_density_ratio))
    end function density_tail_ratio
 
    pure real(wp) function variance(values)
