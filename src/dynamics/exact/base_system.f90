@@ -22,10 +22,8 @@ module dynamics_exact_base_system
       logical :: has_internal = .false.   !! True if load_state finds its internal state
       type(joint_paths) :: paths
    contains
-      !> Allocates the arrays of a march, those of paths among them.
-      procedure(part_action), deferred :: allocate_memory
-      !> Copies samples paths%first_sample, ... from the block: their internal state if the block
-      !> has it, else displacements and velocities.
+      !> Allocates all arrays, those of paths among them, and copies samples paths%first_sample, ..
+      !> from the block: their internal state if it has that, else displacements and velocities.
       procedure(state_transfer), deferred :: load_state
       !> Copies displacements, velocities and the internal state, from which the march continues
       !> with the same bits, to the block.

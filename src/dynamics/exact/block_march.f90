@@ -52,10 +52,7 @@ contains
 
       associate (base => self%base, structure => self%structure)
          base%keeps_ledger = state%keeps_ledger
-         call base%allocate_memory()
          call find_internal(base, state)
-         buffers%is_independent = all(base%paths%responses%is_local) .and. &
-                                  all(base%paths%responses%undisturbed_span >= 1.0_wp)
          buffers%has_frictionless = any(.not. state%slip_limit > 0.0_wp)
          allocate (buffers%groups(1))
          allocate (buffers%displacement(width, state%n_dof, merge(buffer_size, 0, &
@@ -67,6 +64,8 @@ contains
             last = min(first + width - 1, state%n_samples)
             base%paths%n_samples = last - first + 1
             call base%load_state(state)
+            buffers%is_independent = all(base%paths%responses%is_local) .and. &
+                                     all(base%paths%responses%undisturbed_span >= 1.0_wp)
             call base%paths%load_regimes(structure%joint_stiffness, state)
             base%work_done(:last - first + 1, 1) = state%work_input(first:last)
             base%work_done(:last - first + 1, 2) = state%work_viscous(first:last)

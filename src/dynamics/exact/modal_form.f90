@@ -43,7 +43,6 @@ module dynamics_exact_modal_form
       type(aligned_memory), private :: memory
       type(lane_paths), private :: lane   !! buffer of march_again
    contains
-      procedure :: allocate_memory
       procedure :: load_state
       procedure :: store_state
       procedure :: march_freely
@@ -70,7 +69,7 @@ contains
                         + 2*structure%n_joints
    end subroutine new_modal_form
 
-   !> See base_system.
+   !> Allocates all arrays, filled with zeros.
    subroutine allocate_memory(self)
       class(modal_form), intent(inout) :: self
       real(wp), pointer, contiguous :: planes(:, :, :)
@@ -104,14 +103,13 @@ contains
       type(block_state), intent(inout) :: state
       integer :: e, g, k, l, m, n, w
 
+      call allocate_memory(self)
       m = self%operators%n_joints
       n = self%operators%n_rows
       k = self%n_internal - 2*m
       self%n_groups = group_of(self%paths%n_samples)
-      self%modes = 0.0_wp
       self%sliders%n_moving = m   ! of which move_sliders finds those that move
       self%sliders%moving(:m, :) = spread([(l, l=1, m)], 2, groups)
-      self%paths%x = 0.0_wp
       do l = 1, self%paths%n_samples
          w = self%paths%first_sample + l - 1
          g = group_of(l)

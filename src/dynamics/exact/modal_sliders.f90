@@ -168,10 +168,10 @@ contains
       do i = 1, n
          j = moving(i)
          do s = 0, ubound(moments, 3)
-            moments(:lanes, j, s) = moves(:, j) &
-                                    *((integral(6, s)*x(:, 1, j, 6) + integral(5, s)*x(:, 1, j, 5)) &
-                                    + (integral(4, s)*x(:, 1, j, 4) + integral(3, s)*x(:, 1, j, 3)) &
-                                    + (integral(2, s)*x(:, 1, j, 2) + integral(1, s)*x1(:, 1, j)))
+            moments(:lanes, j, s) = &
+               moves(:, j)*((integral(6, s)*x(:, 1, j, 6) + integral(5, s)*x(:, 1, j, 5)) &
+                            + (integral(4, s)*x(:, 1, j, 4) + integral(3, s)*x(:, 1, j, 3)) &
+                            + (integral(2, s)*x(:, 1, j, 2) + integral(1, s)*x1(:, 1, j)))
          end do
       end do
    end subroutine integrate

@@ -113,8 +113,8 @@ contains
       real(wp), intent(in), dimension(lanes, groups, joints) :: x0, x1   !! u(0), u'(0)
       real(wp), intent(inout) :: x(lanes, groups, joints, 2:5)           !! (.., joint, power)
       real(wp), dimension(lanes, strip) :: e, s, u, v
-      real(wp) :: change, start
-      integer :: i, j, l, ports, q, r
+      real(wp), dimension(lanes) :: change, start
+      integer :: i, j, ports, q, r
 
       ports = operators%blocks%ports
       associate (place => operators%outputs(:, :, :, 1), &
@@ -147,18 +147,15 @@ contains
             end do
             do r = 1, strip
                j = strip*(q - 1) + r
-               !$omp simd private(change, start)
-               do l = 1, lanes
-                  change = u(l, r) - x0(l, 1, j)
-                  start = x1(l, 1, j)
-                  e(l, r) = e(l, r) - (operators%square/384.0_wp)*(v(l, r) - start)
-                  x(l, 1, j, 2) = (3.0_wp*change - (2.0_wp*start + v(l, r))) &
-                                  + (16.0_wp*e(l, r) - 8.0_wp*s(l, r))
-                  x(l, 1, j, 3) = ((start + v(l, r)) - 2.0_wp*change) &
-                                  + (32.0_wp*s(l, r) - 32.0_wp*e(l, r))
-                  x(l, 1, j, 4) = 16.0_wp*e(l, r) - 40.0_wp*s(l, r)
-                  x(l, 1, j, 5) = 16.0_wp*s(l, r)
-               end do
+               change = u(:, r) - x0(:, 1, j)
+               start = x1(:, 1, j)
+               e(:, r) = e(:, r) - (operators%square/384.0_wp)*(v(:, r) - start)
+               x(:, 1, j, 2) = (3.0_wp*change - (2.0_wp*start + v(:, r))) &
+                               + (16.0_wp*e(:, r) - 8.0_wp*s(:, r))
+               x(:, 1, j, 3) = ((start + v(:, r)) - 2.0_wp*change) &
+                               + (32.0_wp*s(:, r) - 32.0_wp*e(:, r))
+               x(:, 1, j, 4) = 16.0_wp*e(:, r) - 40.0_wp*s(:, r)
+               x(:, 1, j, 5) = 16.0_wp*s(:, r)
             end do
          end do
       end associate

@@ -28,7 +28,6 @@ module dynamics_exact_series_form
       type(ledger_type) :: ledger
       logical :: has_work = .false.   !! True if march_again has added the work of the part
    contains
-      procedure :: allocate_memory
       procedure :: load_state
       procedure :: store_state
       procedure :: march_freely
@@ -71,24 +70,17 @@ contains
       work%transition = (1.0_wp - work%restart_share)*per_local + work%restart_share*per_restart
    end function work
 
-   !> See base_system.
-   subroutine allocate_memory(self)
-      class(series_form), intent(inout) :: self
-
-      call self%paths%initialize(self%series%degree, size(self%series%load, 2), &
-                                 self%series%diagonal, self%series%row, self%series%spring)
-   end subroutine allocate_memory
-
    !> See base_system. Velocities are in m per part here, in m/s in the block.
    subroutine load_state(self, state)
       class(series_form), intent(inout) :: self
       type(block_state), intent(inout) :: state
       integer :: last
 
+      call self%paths%initialize(self%series%degree, size(self%series%load, 2), &
+                                 self%series%diagonal, self%series%row, self%series%spring)
       associate (x => self%paths%x, layer => self%paths%layer, m => self%paths%n_samples, &
                  n => self%series%n_dof, first => self%paths%first_sample)
          last = first + m - 1
-         x = 0.0_wp
          x(:m, :n, layer(0)) = transpose(state%displacement(:, first:last))
          x(:m, :n, layer(1)) = transpose(state%velocity(:, first:last))*self%h
          if (self%has_internal) x(:m, :n, layer(1)) = transpose(state%internal(:, first:last))
