@@ -55,12 +55,14 @@ module numerics_constrained_maximum
 contains
 
    !> Moves the point to the maximum. Starts with the inverse Hessian of the last search, if it has
-   !> the same number of variables.
+   !> the same number of variables. Gives up where the constraints contradict each other.
    subroutine maximize(objective, step, tolerance, max_iterations)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(in) :: step          !! step of finite differences
       real(wp), intent(in) :: tolerance     !! largest constraint and gradient of the Lagrangian
       integer, intent(in) :: max_iterations
+      ! beyond it the gradients of the constraints are nearly dependent: processes have up to 400
+      real(wp), parameter :: largest_multiplier = 1.0e5_wp
       real(wp), dimension(size(objective%point)) :: change, gradient, old_gradient
       real(wp), dimension(objective%n_constraints, size(objective%point)) :: jacobian, old_jacobian
       real(wp) :: multipliers(objective%n_constraints), penalty
@@ -85,7 +87,7 @@ contains
                                   matmul(multipliers, old_jacobian - jacobian), found%metric)
             call step_to_maximum(found%metric, jacobian, gradient, state(:n), change, multipliers, &
                                  is_regular)
-            if (.not. is_regular) return
+            if (.not. is_regular .or. maxval(abs(multipliers)) > largest_multiplier) return
             found%jacobian = jacobian
             found%multipliers = multipliers
             found%violation = maxval(abs(state(:n)))

@@ -37,21 +37,23 @@ contains
    end subroutine find_maximum
 
    !> Finds the maximum whose K(m) have the assumed signs, by turning signs and searching again; not
-   !> converged if signs keep turning. K(m) = 0 becomes a constraint where its sign must not turn or
-   !> has turned before, until entropy is gained by releasing it to an allowed side. By the direct
-   !> method the signs of lags with a_m = 0 may turn; those with a_m < 0 may not, because another
-   !> sign belongs to another sequence.
+   !> converged if signs keep turning or come back to those that failed. K(m) = 0 becomes a
+   !> constraint where its sign must not turn or has turned before, until entropy is gained by
+   !> releasing it to an allowed side. By the direct method the signs of lags with a_m = 0 may turn;
+   !> those with a_m < 0 may not, because another sign belongs to another sequence.
    subroutine match_signs(search)
       type(sampled_objective), intent(inout) :: search
       integer, parameter :: max_passes = 12
       integer, parameter :: sign_steps = 16     ! steps that tell the signs, over those of a search
       integer, parameter :: zero_steps = 1024   ! steps of a batch, if some K(m) = 0
+      real(wp), allocatable :: assumed(:), failed(:)   ! (0:n_lags) signs, 0 where K(m) is held at 0
       real(wp), allocatable :: autocovariance(:), gains(:), reached(:)
       integer, allocatable :: lags(:)
       logical, allocatable :: is_fixed(:), is_held(:), is_wrong(:)
       integer :: n_steps, pass
 
       n_steps = search%n_steps
+      failed = 0.0_wp*search%signs
       allocate (is_held(size(search%signs)), source=search%problem%request%branch == 'nonnegative')
       allocate (is_fixed(size(search%signs)), source=.false.)
       if (search%family%kind == by_symbol) then
@@ -81,11 +83,16 @@ contains
          if (size(lags) > 0) search%n_steps = max(n_steps, zero_steps)
          reached = search%point
          do
+            assumed = search%signs
+            assumed(lags) = 0.0_wp
+            search%found%is_converged = .false.
+            if (all(assumed == failed)) return
             call search%hold_at_zero(lags)
             call search%set_single_lags()
             call find_maximum(search)
             if (search%found%is_converged .or. size(lags) < 2) exit
             if (search%family%kind == by_symbol) exit
+            failed = assumed
             lags = lags(size(lags):)   ! only the newest
             search%point = reached
          end do
