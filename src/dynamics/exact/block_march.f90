@@ -292,7 +292,6 @@ contains
       class(base_system), intent(inout) :: base
       real(wp), intent(in) :: force(0:, :), share, part
       integer, intent(in) :: step
-      real(wp) :: rise
       integer :: column, f, l, n_forces
 
       associate (n => base%paths%n_samples, push => base%paths%force)
@@ -302,14 +301,10 @@ contains
             do l = 1, n
                column = f + min(n_forces*(base%paths%first_sample + l - 2), &
                                 size(force, 2) - n_forces)
-               rise = force(step + 1, column) - force(step, column)
-               push(l, f, 0) = force(step, column) + share*rise
-               push(l, f, 1) = part*rise
-               if (l == 1 .and. size(force, 2) == n_forces) then
-                  push(:n, f, 0) = push(1, f, 0)
-                  push(:n, f, 1) = push(1, f, 1)
-                  exit
-               end if
+               associate (rise => force(step + 1, column) - force(step, column))
+                  push(l, f, 0) = force(step, column) + share*rise
+                  push(l, f, 1) = part*rise
+               end associate
             end do
          end do
       end associate

@@ -216,7 +216,7 @@ contains
          if (is_nearer(i) .and. may_switch(i, old)) nearer = old
       end do
       if (nearer == new) then
-         if (state%keeps_ledger) call self%add_work([w], spread(0_long, 1, self%n_samples))
+         if (state%keeps_ledger) call self%add_work(w)
          self%tick(w) = self%tick(w) + 1
          self%slot(w) = new
       end if
@@ -348,27 +348,21 @@ contains
       end associate
    end subroutine find_accelerations
 
-   !> Adds the work of the forces and the dampers over those trial steps of the listed samples that
-   !> are accepted. With average acceleration, mean force times displacement, less the dampers' work
-   !> at the mean velocity and that of the joints, is the change of the stored energy to rounding.
-   pure subroutine add_work(self, sample, has_crossed)
+   !> Adds the work of the forces and the dampers over the trial step of sample w. With average
+   !> acceleration, mean force times displacement, less the dampers' work at the mean velocity and
+   !> that of the joints, is the change of the stored energy to rounding.
+   pure subroutine add_work(self, w)
       class(newmark_block), intent(inout) :: self
-      integer, intent(in) :: sample(:)                !! numbers of samples
-      integer(long), intent(in) :: has_crossed(:)     !! (all samples) 1: the trial is not accepted
+      integer, intent(in) :: w
       real(wp) :: dx(self%frame%n_dof)
-      integer :: k, w
 
       associate (structure => self%frame%structure, n => self%frame%n_dof)
-         do k = 1, size(sample)
-            w = sample(k)
-            if (has_crossed(w) == 1) cycle
-            dx = self%motion(:n, 3, 1 - self%slot(w), w) - self%motion(:n, 3, self%slot(w), w)
-            self%work(1, w) = self%work(1, w) &
-                              + dot_product(matmul(structure%load, &
-                                                   self%force_at(w, 0.5_wp*self%step_ticks(w))), dx)
-            self%work(2, w) = self%work(2, w) + dot_product(dx, matmul(structure%damping, dx)) &
-                              /(self%step_ticks(w)*self%tick_size)
-         end do
+         dx = self%motion(:n, 3, 1 - self%slot(w), w) - self%motion(:n, 3, self%slot(w), w)
+         self%work(1, w) = self%work(1, w) &
+                           + dot_product(matmul(structure%load, &
+                                                self%force_at(w, 0.5_wp*self%step_ticks(w))), dx)
+         self%work(2, w) = self%work(2, w) + dot_product(dx, matmul(structure%damping, dx)) &
+                           /(self%step_ticks(w)*self%tick_size)
       end associate
    end subroutine add_work
 

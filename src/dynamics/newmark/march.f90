@@ -116,7 +116,9 @@ contains
       do while (n_active > 0)   ! a trial step of each sample that is not at the end
          has_crossed = 0
          call self%steps%try_steps(sample(:n_active), block, has_crossed)
-         if (state%keeps_ledger) call block%add_work(sample(:n_active), has_crossed)
+         do k = 1, merge(n_active, 0, state%keeps_ledger)
+            if (has_crossed(sample(k)) == 0) call block%add_work(sample(k))
+         end do
          call list_marked(has_crossed, failed, n_failed)
          do k = 1, n_failed
             call block%predict_crossing(failed(k))
