@@ -3,7 +3,7 @@
 module statistics_blend
    use core_error, only: error_type
    use core_kinds, only: wp
-   use statistics_estimates, only: zero_estimates, estimates_type, stated_error
+   use statistics_estimates, only: estimates_type, stated_error
    use statistics_influences, only: case_law_type
    use statistics_law, only: error_of_points
    implicit none(type, external)
@@ -50,7 +50,7 @@ contains
       real(wp) :: share(size(least_share)), fit_variance, plain_variance, covariance, denominator
       integer :: o
 
-      blended = zero_estimates(size(plain%influence, 1), size(plain%value))
+      allocate (blended%influence, mold=plain%influence)
       do o = 1, size(plain%value)
          associate (n => size(fitted%influence, 1), phi => fitted%influence(:, o), &
                     psi => plain%influence(:, o))

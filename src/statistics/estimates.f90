@@ -9,7 +9,7 @@ module statistics_estimates
    public :: downward_error, estimates_type, inverse_density, limit_beyond_samples, &
              nonnegative_statistic, normal_95, numbers_of_statistic, plain_deviation, plain_mean, &
              plain_percentile, sort_percentiles, stated_error, statistic_type, student_factor, &
-             upward_error, zero_estimates
+             upward_error
 
    real(wp), parameter :: normal_95 = 1.959964_wp   !! half of a normal 95 % interval, over sigma
    real(wp), parameter :: least_stretch = 0.5_wp    !! lower limit of stretch, where samples tie

@@ -7,7 +7,7 @@ module statistics_influences
    use statistics_estimates, only: estimates_type
    use statistics_law, only: choose_points, law_type, n_points
    use statistics_pool, only: pool_type
-   use statistics_surrogate, only: find_feature_squares, fit_type, find_kernel_rows, surrogate_type
+   use statistics_surrogate, only: fit_type, find_kernel_rows, predict_variance, surrogate_type
    implicit none(type, external)
    private
    public :: case_law_type, density_tail_ratio, find_influences, find_weights, kappa_of, &
@@ -23,9 +23,8 @@ module statistics_influences
       real(wp), allocatable :: rows(:, :)       !! (landmark, point) kernel
       integer :: first = 0, last = 0            !! samples of the case in the pool
       integer :: n_samples = 0                  !! samples of the case, in the pool and beyond
-      real(wp), allocatable :: thin_rows(:, :)     !! (landmark, every 4th point) kernel
-      real(wp), allocatable :: thin_square(:, :)   !! (feature, every 4th point) phi_k^2
-      real(wp), allocatable :: thin_rest(:)        !! (every 4th point) rest of formula (5)
+      real(wp), allocatable :: thin_rows(:, :)       !! (landmark, every 4th point) kernel
+      real(wp), allocatable :: thin_variance(:, :)   !! (every 4th point, noise ratio) v/tau^2
    end type case_law_type
 
 contains
@@ -46,14 +45,13 @@ contains
       if (.not. allocated(error)) call find_kernel_rows(surrogate, law%x, law%rows)
    end subroutine prepare_law
 
-   !> Adds kernel, squared features and rest at every 4th point, for means of exponentials.
+   !> Adds the kernel and the variance of G at every 4th point, for means of exponentials.
    subroutine prepare_thin_points(surrogate, law)
       type(surrogate_type), intent(in) :: surrogate
       type(case_law_type), intent(inout) :: law
 
       law%thin_rows = law%rows(:, ::thinning)
-      call find_feature_squares(surrogate, law%x(::thinning, :), law%thin_rows, law%thin_square, &
-                                law%thin_rest)
+      call predict_variance(surrogate, law%x(::thinning, :), law%thin_rows, law%thin_variance)
    end subroutine prepare_thin_points
 
    !> E of formula (8): variance of a function of G over the law relative to that over the samples,

@@ -84,12 +84,18 @@ contains
       real(wp), intent(in), contiguous :: values(:)
       real(wp), intent(in) :: from, to
       integer, allocatable :: places(:)
-      integer :: found(size(values)), m, n
+      integer, parameter :: block_length = 64   ! many blocks hold none: neighbours are alike
+      integer :: first, found(size(values)), is_between(size(values)), last, m, n
 
+      is_between = merge(1, 0, values > from .and. values <= to)
       n = 0
-      do m = 1, size(values)   ! without branches, which could not be predicted
-         found(n + 1) = m
-         n = n + iand(merge(1, 0, values(m) > from), merge(1, 0, values(m) <= to))
+      do first = 1, size(values), block_length
+         last = min(first + block_length - 1, size(values))
+         if (sum(is_between(first:last)) == 0) cycle
+         do m = first, last   ! without branches, which could not be predicted
+            found(n + 1) = m
+            n = n + is_between(m)
+         end do
       end do
       places = found(:n)
    end function places_between

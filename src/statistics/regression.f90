@@ -10,7 +10,7 @@ module statistics_regression
                                     find_weights, kappa_of, scale_by_pairs, tail_factors, &
                                     tail_ratio, thinning
    use statistics_percentiles, only: find_quantile
-   use statistics_surrogate, only: average_features, fit_type, predict_variance, surrogate_type
+   use statistics_surrogate, only: average_features, fit_type, surrogate_type
    implicit none(type, external)
    private
    public :: law_deviation, law_mean, law_mean_of_exponential, law_percentile
@@ -122,10 +122,7 @@ contains
       do o = 1, size(values, 2)
          call find_quantile(values(:, o), law%weight, p, half_window, of_fit, points)
          average_row(:, o) = mean_column(law%rows, points)
-         call add_residuals_near(fit, o, values(:, o), of_fit, near(:, o), sums)
-         associate (own => fit%residual(law%first:law%last, o))
-            sums = sums - sum(own)/size(own)
-         end associate
+         call add_residuals_near(fit, o, law, values(:, o), of_fit, near(:, o), sums)
          call find_quantile(sums, law%weight, p, 0.0_wp, of_sums, points)
          estimate%value(o) = 0.5_wp*(of_fit + of_sums)
          estimate%bias(o) = 0.5_wp*(of_fit - of_sums)   ! inwards, as plain sampling's
@@ -141,39 +138,28 @@ contains
       end do
    end subroutine law_percentile
 
-   !> Adds to each value the residual of a sample predicted near it. The samples near are the same
-   !> for all values in one of n_parts parts of the range of the predictions.
-   pure subroutine add_residuals_near(fit, o, values, of_fit, near, sums)
+   !> Adds to each value the residual of a sample predicted near it, less the mean residual of the
+   !> case. The samples near are the same for all values in one part of the range of predictions.
+   pure subroutine add_residuals_near(fit, o, law, values, of_fit, near, sums)
       type(fit_type), intent(in) :: fit
       integer, intent(in) :: o                        !! output
+      type(case_law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:)   !! (point)
       real(wp), intent(in) :: of_fit                  !! a value
       integer, intent(out) :: near(:)                 !! samples near it
       real(wp), intent(out), contiguous :: sums(:)    !! (point)
-      integer, parameter :: n_parts = 512
-      real(wp), dimension(size(fit%residual, 1)) :: place, residual   ! in their order
-      real(wp) :: least, scale
-      integer :: before(n_parts)   ! samples before those near
-      integer :: first, k, m, n
+      real(wp) :: residual(size(fit%residual, 1))     ! (rank)
+      integer :: before(size(fit%n_below, 1))         ! (part) samples before those near
+      integer :: first, m
 
-      n = size(place)
-      associate (ranking => fit%ranking(:, o), predicted => fit%predicted(:, o))
-         residual = fit%residual(ranking, o)
-         least = predicted(ranking(1))
-         scale = n_parts/max(predicted(ranking(n)) - least, sqrt(tiny(least)))
-         place = (predicted(ranking) - least)*scale
+      associate (own => fit%residual(law%first:law%last, o))
+         residual = fit%residual(fit%ranking(:, o), o) - sum(own)/size(own)
       end associate
-      m = 0
-      do k = 1, n_parts
-         do while (m < n)
-            if (place(m + 1) > k - 0.5_wp) exit
-            m = m + 1
-         end do
-         before(k) = max(0, min(m - size(near)/2, n - size(near)))
-      end do
+      before = max(0, min(fit%n_below(:, o) - size(near)/2, size(residual) - size(near)))
       do first = 0, size(values) - 1, size(near)   ! takes them in turn
          do m = 1, min(size(near), size(values) - first)
-            sums(first + m) = values(first + m) + residual(before(part_of(values(first + m))) + m)
+            sums(first + m) = values(first + m) &
+                              + residual(before(part_of(values(first + m))) + m)
          end do
       end do
       first = before(part_of(of_fit))
@@ -183,15 +169,17 @@ contains
 
       pure integer function part_of(value)
          real(wp), intent(in) :: value
+         real(wp) :: place
 
-         part_of = 1 + int(max(0.0_wp, min((value - least)*scale, n_parts - 1.0_wp)))
+         place = (value - fit%least(o))*fit%parts_per_unit(o)
+         part_of = 1 + int(max(0.0_wp, min(place, size(before) - 1.0_wp)))
       end function part_of
 
    end subroutine add_residuals_near
 
    !> Mean of the columns at some places, or of `most_averaged` of them.
    pure function mean_column(columns, places) result(mean)
-      real(wp), intent(in) :: columns(:, :)
+      real(wp), intent(in), contiguous :: columns(:, :)
       integer, intent(in) :: places(:)
       real(wp) :: mean(size(columns, 1))
       integer :: i, n
@@ -215,7 +203,7 @@ contains
       real(wp), intent(in) :: y(:, :)                        !! (sample of the case, output)
       type(estimates_type), intent(out) :: estimate
       real(wp), allocatable :: average_row(:, :), average(:, :), feature(:, :), weight(:, :)
-      real(wp), allocatable :: growth(:, :)         ! (every 4th point, output) v, then exp(v/2)
+      real(wp) :: growth(size(law%thin_rows, 2))    ! (every 4th point) exp(v/2)
       real(wp), allocatable :: point_share(:, :)    ! (every 4th point, output) in [exp G]
       real(wp), allocatable :: sample_share(:, :)   ! (sample of the case, output) in the same
       real(wp), allocatable :: sample_average(:, :)
@@ -226,10 +214,8 @@ contains
       n = size(exp_values, 2)
       allocate (point_share(size(law%thin_rows, 2), n), average_row(size(law%rows, 1), n))
       allocate (average(size(surrogate%eigenvalue), n))
-      allocate (growth, mold=point_share)
       allocate (sample_average, mold=average)
       allocate (estimate%value(n), estimate%bias(n), estimate%tail_factor(2, n))
-      call predict_variance(surrogate, fit, law%thin_square, law%thin_rest, growth)
       thin_weight = law%weight(::thinning)/sum(law%weight(::thinning))
       sample_share = fit%predicted(law%first:law%last, :)
       do o = 1, n
@@ -241,14 +227,14 @@ contains
          sample_share(:, o) = sample_share(:, o)/sum(sample_share(:, o))
          estimate%value(o) = mean*sqrt(ratio)
          estimate%bias(o) = 0.5_wp*mean*(ratio - 1.0_wp)
-         associate (e => fit%residual(law%first:law%last, o), &
-                    one_minus_h => fit%one_minus_h(law%first:law%last, o))
-            growth(:, o) = min(largest_half_variance, 0.5_wp*growth(:, o) &
-                               *noise_variance(sample_share(:, o), e**2*one_minus_h))
+         associate (square => fit%residual(law%first:law%last, o)**2 &
+                    *fit%one_minus_h(law%first:law%last, o))   ! e^2 (1 - h), for tau^2
+            growth = min(largest_half_variance, 0.5_wp*law%thin_variance(:, fit%noise_ratio(o)) &
+                         *min(sum(square)/size(square), dot_product(sample_share(:, o), square)))
          end associate
-         call exponentiate(growth(:, o))
-         tail(o) = density_tail_ratio(thin_weight, point_share(:, o), growth(:, o), y(:, o))
-         correction = variance_share*(mean*dot_product(point_share(:, o), growth(:, o)) &
+         call exponentiate(growth)
+         tail(o) = density_tail_ratio(thin_weight, point_share(:, o), growth, y(:, o))
+         correction = variance_share*(mean*dot_product(point_share(:, o), growth) &
                                       - estimate%value(o))
          estimate%value(o) = estimate%value(o) + correction
          if (abs(correction) > abs(estimate%bias(o))) estimate%bias(o) = correction
@@ -275,14 +261,5 @@ contains
          estimate%tail_factor(:, o) = tail_factors([tail(o), tail(o)], estimate%kappa(o))
       end do
    end subroutine law_mean_of_exponential
-
-   !> Variance of the noise, tau^2: mean over the samples, or mean weighted by their shares in the
-   !> mean density if that is less.
-   pure real(wp) function noise_variance(share, square)
-      real(wp), intent(in) :: share(:)    !! (sample), their sum is 1
-      real(wp), intent(in) :: square(:)   !! (sample) e^2 (1 - h)
-
-      noise_variance = min(sum(square)/size(square), dot_product(share, square))
-   end function noise_variance
 
 end module statistics_regression

@@ -10,12 +10,13 @@ module statistics_surrogate
    use statistics_kernel, only: kernel_diagonal, kernel_rows, kernel_type
    implicit none(type, external)
    private
-   public :: fit_type, surrogate_type, average_features, find_features, find_feature_squares, &
-             fit_outputs, reallocate, predict, predict_variance, find_kernel_rows, evenly_spaced
+   public :: fit_type, surrogate_type, average_features, find_features, fit_outputs, reallocate, &
+             predict, predict_variance, find_kernel_rows, evenly_spaced
 
    integer, parameter, public :: most_landmarks = 160
    !> kappa is computed for 4 outputs of a fit, from the pairs of 64 samples with all
    integer, parameter, public :: most_pair_outputs = 4, most_pair_samples = 64
+   integer, parameter :: n_parts = 512   !! parts of the range of an output's predictions
    real(wp), parameter :: smallest_eigenvalue = 1.0e-10_wp   !! eigenvalue of K over the largest
    integer, parameter, public :: n_ratios = 13
    real(wp), parameter, public :: noise_ratios(n_ratios) = &
@@ -43,13 +44,16 @@ module statistics_surrogate
       real(wp), allocatable :: mean(:)             !! (output)
       real(wp), allocatable :: shrink(:, :)        !! (feature, output) s_k = ev_k/(ev_k + ratio)
       real(wp), allocatable :: coefficient(:, :)   !! (feature, output) of phi
-      real(wp), allocatable :: noise_ratio(:)      !! (output)
+      integer, allocatable :: noise_ratio(:)       !! (output) number of its noise ratio
       !> (landmark, output), (output): G(x) = row_coefficient'k(landmark, x) + constant
       real(wp), allocatable, private :: row_coefficient(:, :), constant(:)
       real(wp), allocatable :: residual(:, :)      !! (sample, output) e_i, leave-one-out
       real(wp), allocatable :: one_minus_h(:, :)   !! (sample, output) 1 - h_ii
       real(wp), allocatable :: predicted(:, :)     !! (sample, output) y_i - e_i
       integer, allocatable :: ranking(:, :)        !! (rank, output) samples, ascending in predicted
+      integer, allocatable :: n_below(:, :)        !! (part, output) samples below its middle
+      !> (output) least prediction, parts of the range of predictions in a unit of the output
+      real(wp), allocatable :: least(:), parts_per_unit(:)
       integer, allocatable :: pair_outputs(:)      !! outputs whose kappa is computed
       integer, allocatable :: pair_samples(:)      !! samples whose pairs with all are used
       !> (sample j, pair sample i, pair output): change of e_i by leaving out j also, and of e_j by
@@ -209,7 +213,7 @@ contains
       do o = 1, n_out
          r = best_noise_ratio(surrogate%eigenvalue, projection(:, o), sum(y(:, o)**2), n)
          fit%shrink(:, o) = surrogate%eigenvalue/(surrogate%eigenvalue + noise_ratios(r))
-         fit%noise_ratio(o) = noise_ratios(r)
+         fit%noise_ratio(o) = r
       end do
       allocate (fit%coefficient, source=fit%shrink*projection)   ! not by =, which would read bounds
       allocate (fit%row_coefficient(size(surrogate%transform, 1), n_out))
@@ -221,12 +225,37 @@ contains
       fit%one_minus_h = 1.0_wp - (fit%one_minus_h + 1.0_wp/n)
       fit%residual = (y - fit%residual)/fit%one_minus_h
       fit%predicted = outputs - fit%residual
-      allocate (fit%ranking(n, n_out))
-      do o = 1, n_out
-         fit%ranking(:, o) = sort_order(fit%predicted(:, o))
-      end do
+      call rank_predictions(fit)
       call find_pairs(surrogate, fit)
    end subroutine fit_outputs
+
+   !> Sorts the predictions of each output, and counts those below the middles of equal parts of
+   !> their range.
+   pure subroutine rank_predictions(fit)
+      type(fit_type), intent(inout) :: fit
+      real(wp) :: place(size(fit%predicted, 1))   ! (rank) in parts
+      integer :: k, m, n, n_out, o
+
+      n = size(fit%predicted, 1)
+      n_out = size(fit%predicted, 2)
+      allocate (fit%ranking(n, n_out), fit%n_below(n_parts, n_out))
+      allocate (fit%least(n_out), fit%parts_per_unit(n_out))
+      do o = 1, n_out
+         fit%ranking(:, o) = sort_order(fit%predicted(:, o))
+         place = fit%predicted(fit%ranking(:, o), o)
+         fit%least(o) = place(1)
+         fit%parts_per_unit(o) = n_parts/max(place(n) - place(1), sqrt(tiny(1.0_wp)))
+         place = (place - place(1))*fit%parts_per_unit(o)
+         m = 0
+         do k = 1, n_parts
+            do while (m < n)
+               if (place(m + 1) > k - 0.5_wp) exit
+               m = m + 1
+            end do
+            fit%n_below(k, o) = m
+         end do
+      end do
+   end subroutine rank_predictions
 
    !> Computes the changes of the residuals by leaving out a second sample: e_i becomes
    !> (e_i + h_ij e_j/(1 - h_i))/(1 - h_ij^2/((1 - h_i)(1 - h_j))), with the leverages
@@ -295,21 +324,6 @@ contains
       average = average - spread(constant*surrogate%offset, 2, size(average, 2))
    end subroutine average_features
 
-   !> Computes the squares of the features at points, and rest(x) = k(x, x) - sum_k ev_k phi_k(x)^2.
-   subroutine find_feature_squares(surrogate, x, rows, square, rest)
-      type(surrogate_type), intent(in) :: surrogate
-      real(wp), intent(in) :: x(:, :)                      !! (point, input)
-      real(wp), intent(in), contiguous :: rows(:, :)       !! (landmark, point) kernel
-      real(wp), allocatable, intent(out) :: square(:, :)   !! (feature, point)
-      real(wp), allocatable, intent(out) :: rest(:)        !! (point)
-
-      allocate (square(size(surrogate%eigenvalue), size(rows, 2)))
-      call average_features(surrogate, rows, 1.0_wp, square)
-      square = square**2
-      rest = max(centred_diagonal(surrogate, x, rows) - matmul(surrogate%eigenvalue, square), &
-                 0.0_wp)
-   end subroutine find_feature_squares
-
    !> k(x, x) of the kernel without its means over the landmarks in either argument.
    pure function centred_diagonal(surrogate, x, rows) result(diagonal)
       type(surrogate_type), intent(in) :: surrogate
@@ -333,20 +347,29 @@ contains
       end do
    end subroutine predict
 
-   !> Computes the variance v of G at points over that of the noise, formula (5): sum_k s_k phi_k^2
-   !> + rest/max(ratio, mean rest). Samples that are no landmarks have a rest too, so their noise is
-   !> not less than its mean.
-   subroutine predict_variance(surrogate, fit, square, rest, variance)
+   !> Computes the variance v of G at points over that of the noise, formula (5), for each noise
+   !> ratio: sum_k s_k phi_k^2 + rest/max(ratio, mean rest), rest = k(x, x) - sum_k ev_k phi_k(x)^2.
+   !> Samples that are no landmarks have a rest too, so their noise is not less than its mean.
+   subroutine predict_variance(surrogate, x, rows, variance)
       type(surrogate_type), intent(in) :: surrogate
-      type(fit_type), intent(in) :: fit
-      real(wp), intent(in), contiguous :: square(:, :)      !! (feature, point) phi_k^2
-      real(wp), intent(in), contiguous :: rest(:)           !! (point)
-      real(wp), intent(out), contiguous :: variance(:, :)   !! (point, output)
-      integer :: o
+      real(wp), intent(in) :: x(:, :)                        !! (point, input)
+      real(wp), intent(in), contiguous :: rows(:, :)         !! (landmark, point) kernel
+      real(wp), allocatable, intent(out) :: variance(:, :)   !! (point, noise ratio)
+      real(wp) :: square(size(surrogate%eigenvalue), size(rows, 2)), rest(size(rows, 2))
+      real(wp) :: shrink(size(surrogate%eigenvalue), n_ratios)
+      integer :: r
 
-      call multiply(square, fit%shrink, variance, transposes_a=.true.)
-      do o = 1, size(variance, 2)
-         variance(:, o) = variance(:, o) + rest/max(fit%noise_ratio(o), surrogate%mean_rest)
+      call average_features(surrogate, rows, 1.0_wp, square)
+      square = square**2
+      rest = max(centred_diagonal(surrogate, x, rows) - matmul(surrogate%eigenvalue, square), &
+                 0.0_wp)
+      do r = 1, n_ratios
+         shrink(:, r) = surrogate%eigenvalue/(surrogate%eigenvalue + noise_ratios(r))
+      end do
+      allocate (variance(size(rows, 2), n_ratios))
+      call multiply(square, shrink, variance, transposes_a=.true.)
+      do r = 1, n_ratios
+         variance(:, r) = variance(:, r) + rest/max(noise_ratios(r), surrogate%mean_rest)
       end do
    end subroutine predict_variance
 
