@@ -249,7 +249,7 @@ contains
       associate (n => structure%n_dof)
          text = counted(n, 'dof', 'dofs')//', '//counted(structure%n_joints, 'joint', 'joints')
          if (structure%has_lumped_mass()) &
-            text = text//', mass '//brief(sum(structure%mass))//' kg'
+            text = text//', mass '//brief(sum(structure%mass))
          text = labelled('structure', text)// &
                 labelled('frequencies', brief(structure%frequencies_stuck(1))//' to '// &
                          brief(structure%frequencies_stuck(n))//' Hz stuck, '// &

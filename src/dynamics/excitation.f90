@@ -4,7 +4,7 @@ module dynamics_excitation
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: two_pi, wp
    use core_random, only: stream_type
-   use core_text, only: rounded_text, to_text
+   use core_text, only: brief, rounded_text, to_text
    use numerics_fftw, only: good_fft_length
    use numerics_synthesis, only: signal_of_lines
    implicit none(type, external)
@@ -121,7 +121,7 @@ contains
          rule = 'must not exceed half the sampling rate, 0.5/integration%dt = '// &
                 rounded_text(0.5_wp/dt, 6, down=.true.)//' Hz'
       else if (band(2) - band(1) < fewest_lines/(longest_period*dt)) then
-         rule = 'must not be narrower than '//to_text(fewest_lines/(longest_period*dt))// &
+         rule = 'must not be narrower than about '//brief(fewest_lines/(longest_period*dt))// &
                 ' Hz, the least with this integration%dt'
       end if
    end function band_rule

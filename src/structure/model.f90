@@ -7,7 +7,7 @@ module structure_model
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: two_pi, wp
    use core_memory, only: can_allocate
-   use core_text, only: to_text
+   use core_text, only: brief, to_text
    use numerics_lapack, only: multiply, solve_positive_definite, solve_symmetric_eigenproblem, &
                               unit_matrix
    implicit none(type, external)
@@ -140,7 +140,7 @@ contains
          if (allocated(error)) return
          if (decay(1) < -least_share*maxval(abs(decay))) &
             call raise(error, exit_bad_input, name//': a damping matrix must not feed energy: '// &
-                       'its least eigenvalue over M is '//to_text(decay(1))//' 1/s')
+                       'its least eigenvalue over M is '//brief(decay(1))//' 1/s')
          structure%damping = damping%matrix
          structure%fastest_decay = maxval(decay)
       else if (any(abs(damping%rayleigh) > 0.0_wp)) then
@@ -231,7 +231,7 @@ contains
       least = least_share*maxval(abs(eigenvalues))
       if (present(name) .and. eigenvalues(1) < -least) then
          call raise(error, exit_bad_input, name//': with all joints stuck, the least '// &
-                    'eigenvalue over M is '//to_text(eigenvalues(1))//' 1/s^2: must not be '// &
+                    'eigenvalue over M is '//brief(eigenvalues(1))//' 1/s^2: must not be '// &
                     'negative, the structure would buckle')
          return
       end if
