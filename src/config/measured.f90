@@ -6,7 +6,7 @@ module config_measured
    use core_complaints, only: blank_hint, complaint_list, printable
    use core_kinds, only: wp
    use core_source, only: read_source, source_type
-   use core_table, only: data_line, next_word, no_value, number_marks, separate_commas
+   use core_table, only: data_line, heading_hint, next_word, no_value, number_marks, separate_commas
    use core_text, only: lowered, parse_real, to_text
    use process_estimate, only: measured_record
    implicit none(type, external)
@@ -87,7 +87,8 @@ contains
             call parse_real(text(first:last), value, rule)
             if (allocated(rule)) then
                last = min(last, first + 39)
-               rule = rule//', or nan where none was measured'//blank_hint(text(first:last))
+               rule = rule//', or nan where none was measured'//blank_hint(text(first:last))// &
+                      heading_hint(line, rule, number_marks)
                call complaints%add_general(place//': '//printable(text(first:last))//': '//rule)
                exit
             end if

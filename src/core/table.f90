@@ -4,11 +4,11 @@ module core_table
    use core_complaints, only: blank_hint, complaint_list, printable
    use core_kinds, only: wp
    use core_source, only: byte_order_mark, read_source, source_type
-   use core_text, only: parse_real, to_text
+   use core_text, only: no_number, parse_real, to_text
    implicit none(type, external)
    private
-   public :: data_line, next_word, parse_row, parse_rows, read_table, separate_commas, table_type, &
-             words_of
+   public :: data_line, heading_hint, next_word, parse_row, parse_rows, read_table, &
+             separate_commas, table_type, words_of
 
    character(*), parameter :: white = ' '//achar(9)//achar(13)
    character(*), parameter :: blanks = white//';'
@@ -70,7 +70,8 @@ contains
             line = source%line(number)
             if (n_bad <= max_shown) &
                call complaints%add_general(table%path//':'//to_text(number)//': '// &
-                                           printable(line(:min(len_trim(line), 40)))//': '//rule)
+                                           printable(line(:min(len_trim(line), 40)))//': '//rule// &
+                                           heading_hint(line, rule, marks))
          else if (n > 0) then
             table%n_rows = table%n_rows + 1
             table%value(:, table%n_rows) = values
@@ -115,7 +116,8 @@ contains
             comma = index(word, ',')
             if (comma > 1 .and. comma < len(word) .and. comma == index(word, ',', back=.true.) &
                 .and. verify(word, '+-0123456789,') == 0) then
-               rule = 'decimals follow a point; a comma between values has a blank behind it'
+               rule = 'may be one value or two: decimals follow a point; a comma between '// &
+                      'values has a blank behind it'
                return
             end if
          end associate
@@ -168,6 +170,17 @@ contains
       if (n > 0 .and. n < fewest .and. .not. allocated(rule)) &
          rule = 'must be '//number_of_values(fewest, size(values))
    end subroutine parse_row
+
+   !> End of a rule that a line breaks: a heading is a comment, if the line begins with a word.
+   pure function heading_hint(line, rule, marks) result(hint)
+      character(*), intent(in) :: line, rule
+      character(*), intent(in) :: marks   !! characters that begin a comment
+      character(:), allocatable :: hint
+
+      hint = ''
+      if (rule == no_number .and. verify(adjustl(line), '+-.0123456789') == 1) &
+         hint = ' (a heading begins with '//marks(1:1)//')'
+   end function heading_hint
 
    !> Finds the next word, line(first:last), after position `last`; first > last if there is none.
    pure subroutine next_word(line, first, last)

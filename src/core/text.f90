@@ -13,6 +13,7 @@ module core_text
       module procedure text_of_integer, text_of_long, text_of_real, text_of_logical
    end interface to_text
 
+   character(*), parameter, public :: no_number = 'must be a number'   !! rule of parse_real
    character(*), parameter :: digits = '0123456789'
    integer, parameter :: largest_exponent = 100   !! so that products of three values are finite
    character(*), parameter :: line_feed = new_line('a')
@@ -142,7 +143,7 @@ contains
          case ('nan', 'inf', 'infinity')
             rule = 'must be finite'
          case default
-            rule = 'must be a number'
+            rule = no_number
          end select
          return
       end if
@@ -156,7 +157,7 @@ contains
       if (abs(exponent + point - leading - merge(1, 0, point > leading)) <= largest_exponent) then
          decimal = text(:letter - 1)//'e'//to_text(exponent)
          read (decimal, *, iostat=status) value
-         if (status /= 0) rule = 'must be a number'
+         if (status /= 0) rule = no_number
          if (status /= 0 .or. abs(value) <= 1.0e100_wp) return
       end if
       rule = 'must be zero or of a magnitude from 1e-100 to 1e100'
@@ -175,7 +176,7 @@ contains
       call parse_integer(text(2:), limit, value, rule)
       exponent = int(value)
       if (.not. allocated(rule)) return
-      rule = 'must be a number'
+      rule = no_number
       if (value == limit) deallocate (rule)   ! out of range, whatever the sign
    end subroutine parse_exponent
 
