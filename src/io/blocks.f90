@@ -12,7 +12,7 @@ module io_blocks
    use io_hdf5, only: hdf5_file, hdf5_group
    implicit none(type, external)
    private
-   public :: write_block, read_block, write_blocks
+   public :: write_block, read_block, transitions_before, write_blocks
 
    integer, parameter :: to_shard = 1, from_file = 2, to_results = 3   !! directions of the data
 
@@ -212,29 +212,64 @@ contains
                    '+1, -1: slip starts in that direction; 0: sticks', kind, 'integer')
    end subroutine write_transitions
 
-   !> Reads all transitions of the file and keeps those of the block's samples.
+   !> Reads the transitions of the block's samples. Those of a file stand in the order of samples.
    subroutine read_transitions(group, block)
       type(hdf5_group), intent(inout) :: group
       type(block_result), intent(inout) :: block
       real(wp), allocatable :: sample(:), time(:), joint(:), kind(:)
-      integer :: i
+      integer :: first, i, last, n, n_before
 
-      call group%get('transition_sample', sample)
-      call group%get('transition_time', time)
-      call group%get('transition_joint', joint)
-      call group%get('transition_kind', kind)
-      if (allocated(group%error) .or. .not. allocated(time)) return
+      if (allocated(group%error)) return
+      if (.not. group%has('transition_sample')) return
+      n_before = transitions_before(group, block%first_sample)
+      n = transitions_before(group, block%first_sample + block%n_samples) - n_before
+      if (allocated(group%error)) return
+      allocate (sample(n), time(n), joint(n), kind(n))
+      call group%read_part('transition_sample', [n_before + 1], sample)
+      call group%read_part('transition_time', [n_before + 1], time)
+      call group%read_part('transition_joint', [n_before + 1], joint)
+      call group%read_part('transition_kind', [n_before + 1], kind)
+      if (allocated(group%error)) return
       allocate (block%transitions(block%n_samples))
+      last = 0
       do i = 1, block%n_samples
-         associate (list => block%transitions(i), &
-                    is_its => nint(sample) == block%first_sample + i - 1)
-            list%time = pack(time, is_its)
-            list%joint = nint(pack(joint, is_its))
-            list%kind = nint(pack(kind, is_its))
-            list%n = size(list%time)
+         first = last + 1
+         do while (last < n)
+            if (nint(sample(last + 1)) >= block%first_sample + i) exit
+            last = last + 1
+         end do
+         associate (list => block%transitions(i))
+            list%time = time(first:last)
+            list%joint = nint(joint(first:last))
+            list%kind = nint(kind(first:last))
+            list%n = last - first + 1
          end associate
       end do
    end subroutine read_transitions
+
+   !> Number of transitions of a file before those of a sample, found by bisection.
+   integer function transitions_before(group, sample) result(n)
+      type(hdf5_group), intent(inout) :: group
+      integer, intent(in) :: sample
+      integer(long), allocatable :: extents(:)
+      integer :: last, middle
+      real(wp) :: number(1)
+
+      n = 0
+      if (.not. allocated(group%error)) call group%read_shape('transition_sample', extents, 1)
+      if (allocated(group%error)) return
+      last = int(extents(1))
+      do while (n < last)
+         middle = n + (last - n)/2
+         call group%read_part('transition_sample', [middle + 1], number)
+         if (allocated(group%error)) return
+         if (nint(number(1)) < sample) then
+            n = middle + 1
+         else
+            last = middle
+         end if
+      end do
+   end function transitions_before
 
    !> Moves rows of one dataset, or nothing if their source lacks it. Datasets of a shard have no
    !> axes. Chunks of its spectra are ranges of frequencies, as the statistics read them, of the

@@ -156,16 +156,12 @@ contains
       shards = stored%shards_of(number, 1, plan%cases(number)%n_samples)
       n_transitions = 0
       n_written = 0
-      do i = 1, size(shards)
-         if (.not. kept%transitions .or. allocated(group%error)) exit
-         call read_shard(stored%store, shards(i), block, group%error)
-         if (allocated(group%error)) exit
-         associate (last => min(block%n_samples, &
-                                plan%cases(number)%n_samples - block%first_sample + 1))
-            n_transitions = n_transitions + sum(block%transitions(:last)%n)
-         end associate
-      end do
-      if (kept%transitions) call group%put_axis('transition', n_transitions, 'transition')
+      if (kept%transitions) then
+         if (.not. allocated(group%error)) &
+            call stored%count_transitions(number, plan%cases(number)%n_samples, n_transitions, &
+                                          group%error)
+         call group%put_axis('transition', n_transitions, 'transition')
+      end if
       do i = 1, size(shards)
          if (is_lean .and. .not. (kept%transitions .or. kept%history)) exit
          if (allocated(group%error)) exit

@@ -6,7 +6,7 @@ module io_shards
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: wp
    use core_text, only: to_text
-   use io_blocks, only: read_block, write_blocks
+   use io_blocks, only: read_block, transitions_before, write_blocks
    use io_files, only: list_files, remove_file, unfinished
    use io_hdf5, only: hdf5_file, hdf5_group, open_hdf5
    use io_lock, only: lock_type
@@ -34,6 +34,7 @@ module io_shards
       procedure :: shards_of
       procedure :: read => read_samples
       procedure :: read_part
+      procedure :: count_transitions
       procedure, private :: require_all
    end type stored_samples
 
@@ -266,6 +267,30 @@ contains
          if (allocated(error)) return
       end do
    end subroutine read_part
+
+   !> Counts the transitions of samples 1..last of a case.
+   subroutine count_transitions(self, case_number, last, n, error)
+      class(stored_samples), intent(in) :: self
+      integer, intent(in) :: case_number, last
+      integer, intent(out) :: n
+      type(error_type), allocatable, intent(out) :: error
+      type(hdf5_group) :: group
+      type(shard_type), allocatable :: shards(:)
+      integer :: i
+
+      n = 0
+      call self%require_all(case_number, 1, last, shards, error)
+      do i = 1, size(shards)
+         if (allocated(error)) return
+         call open_hdf5(shard_path(self%store, shards(i)), group%file, error)
+         if (allocated(error)) return
+         group%path = trim(shards(i)%group)
+         n = n + transitions_before(group, min(shards(i)%last, last) + 1) &
+             - transitions_before(group, shards(i)%first)
+         call group%take_error(error)
+         call group%file%abandon()
+      end do
+   end subroutine count_transitions
 
    !> Finds the shards of samples first..last of a case; raises an error if one was removed during
    !> the run.
