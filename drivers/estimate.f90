@@ -11,6 +11,7 @@ module driver_estimate
    use driver_campaign, only: report_new_folders
    use driver_command_line, only: command_line
    use io_files, only: exists, file_size, folder_of, make_folder, remove_file, sync_file
+   use io_progress, only: progress_type
    use parallel_world, only: start_world, stop_world, world_type
    use process_estimate, only: estimate_process, measured_record, process_estimate_type
    implicit none(type, external)
@@ -30,6 +31,7 @@ contains
       type(complaint_list) :: complaints
       type(measured_record), allocatable :: records(:)
       type(process_estimate_type) :: found
+      type(progress_type) :: progress
       type(error_type), allocatable :: error
 
       call start_world(world)
@@ -40,7 +42,11 @@ contains
             if (exists(line%output)) call raise(error, exit_file, line%output// &
                                                 ': exists already: choose another name')
          end if
+         if (.not. (allocated(error) .or. line%has('--quiet'))) &
+            call progress%announce('fitting processes to the values, then to realizations of '// &
+                                   'the best one')
          if (.not. allocated(error)) call estimate_process(records, seed, found, error)
+         call progress%finish()
          if (.not. allocated(error)) call write_estimate(line, found, error)
       end if
       call world%stop_on(error)

@@ -21,12 +21,21 @@ module io_progress
       real(wp) :: next_line = 0.0_wp          !! time of the next line after the start [s]
       integer(long) :: started = 0            !! clock at the start [ticks]
    contains
+      procedure :: announce
       procedure :: start
       procedure :: show
       procedure :: finish
    end type progress_type
 
 contains
+
+   !> Shows what is going on until `finish`, on a terminal.
+   subroutine announce(self, text)
+      class(progress_type), intent(inout) :: self
+      character(*), intent(in) :: text
+
+      if (shows_on_terminal()) call redraw(self, text)
+   end subroutine announce
 
    !> Starts the clock; items of an earlier run do not enter the rate.
    subroutine start(self, total, done_before, noun)
