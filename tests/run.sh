@@ -17,10 +17,10 @@ say "Beside what follows: the debug build, its unit and MPI tests (build/debug.l
 debugged=$!
 say "Unit and MPI tests: release"
 ctest --preset release || failed=1
-wait $installed
 say "The program end to end, and the Python package"
 # Three processes on two cores, as some tests wait. Files in their order: docs and house, whose tests take longest, first.
-.venv/bin/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder tests || failed=1
+# Without its packages the debug job is still waited for.
+{ wait $installed && .venv/bin/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder tests; } || failed=1
 say "Unit and MPI tests: debug"
 if wait $debugged; then tail -n 5 build/debug.log; else failed=1 && cat build/debug.log; fi
 exit $failed
