@@ -251,13 +251,14 @@ def change_table(before: Results, after: Results, pairs: Sequence[Pair]) -> Tabl
     )
     return Table(
         "comparison", f"{after.title} against {before.title}",
-        ("case", "statistic", "joint or dof", "before", "after", "change", "gain"), rows,
+        ("case", "statistic", f"joint or {before.place}", "before", "after", "change", "gain"),
+        rows,
         f"{how} Values are means over the samples of both files, as in plain/. Standard errors"
         f" in brackets, in units of the last digits. {OF_RECORD}",
     )  # fmt: skip
 
 
-def change_figures(pairs: Sequence[Pair]) -> list[Figure]:
+def change_figures(pairs: Sequence[Pair], place: str) -> list[Figure]:
     """Change of the time in slip over the joints, and of the mean spectra over frequency."""
     figures = []
     slips = [pair for pair in pairs if pair.samples("slip_fraction") is not None]
@@ -275,7 +276,8 @@ def change_figures(pairs: Sequence[Pair]) -> list[Figure]:
             Figure(
                 "comparison_spectra", "Change of the mean spectra",
                 "Mean spectral density after, divided by that before, with 95 % bands.",
-                "The friction study", tuple(partial(_draw_spectra, pair) for pair in spectra),
+                "The friction study",
+                tuple(partial(_draw_spectra, pair, place) for pair in spectra),
             )
         )  # fmt: skip
     return figures
@@ -308,7 +310,7 @@ def _draw_slip(pairs: Sequence[Pair], axes: Axes) -> None:
     axes.legend()
 
 
-def _draw_spectra(pair: Pair, axes: Axes) -> None:
+def _draw_spectra(pair: Pair, place: str, axes: Axes) -> None:
     spectra = pair.spectra()
     if spectra is None:
         return
@@ -323,7 +325,7 @@ def _draw_spectra(pair: Pair, axes: Axes) -> None:
         one, other = first / means[0], second / means[1]
         change = _change(np.log(means[0]), np.log(means[1]), one, other, pair.is_paired)
         look = line_of_dof(dof, n_dof)
-        axes.plot(frequency[:kept], np.exp(change.change), label=f"dof {dof}", **look)
+        axes.plot(frequency[:kept], np.exp(change.change), label=f"{place} {dof}", **look)
         reach = WIDTH * change.error
         axes.fill_between(
             frequency[:kept], np.exp(change.change - reach), np.exp(change.change + reach),
@@ -351,7 +353,7 @@ def compare(before: Results, after: Results, folder: Path | None) -> str:
     if folder is not None:
         table.write_csv(folder)
         drawn = most_changed(pairs)
-        figures = [figure.save(folder).name for figure in change_figures(drawn)]
+        figures = [figure.save(folder).name for figure in change_figures(drawn, before.place)]
         written = [f"{', '.join(['comparison.csv', *figures])} in {folder}"]
         if len(drawn) < len(pairs):
             written += [f"Drawn: the {len(drawn)} of {len(pairs)} cases whose slip changes most."]

@@ -80,10 +80,10 @@ def by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
     return rows
 
 
-def legend_of_marks(axes: Axes) -> None:
-    """Within the axes, or below them where it would hide marks."""
+def legend_of_marks(axes: Axes, *, is_full: bool = False) -> None:
+    """Within the axes, or below them where it would hide marks or lines that fill them."""
     names = axes.get_legend_handles_labels()[1]
-    if len(names) <= _MOST_NAMES:
+    if len(names) <= _MOST_NAMES and not is_full:
         axes.legend(ncols=2)
     else:
         axes.legend(ncols=3, loc="upper center", bbox_to_anchor=(0.5, _BELOW))

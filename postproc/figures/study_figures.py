@@ -247,7 +247,7 @@ def plot_along(axes: Axes, cases: Sequence[Case], quantity: OfJoints) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="joint", ylabel=f"{quantity.title} [{quantity.unit}]", ylim=(0, None))
     axes.ticklabel_format(axis="y", scilimits=(-3, 5))
-    axes.legend()
+    looks.legend_of_marks(axes, is_full=mean.size > _MOST_MARKED)
 
 
 def plot_spectra_along(axes: Axes, case: Case, results: Results) -> None:
