@@ -5,7 +5,7 @@ module driver_run
    use campaign_runner, only: block_width, prepare_runner, runner_type
    use campaign_sample, only: run_block
    use campaign_size, only: refuse_oversize
-   use campaign_study, only: block_range, claim_type, draw_friction, open_claims
+   use campaign_study, only: block_range, claim_type, draw_friction, name_sample, open_claims
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
    use core_kinds, only: long, wp
@@ -244,6 +244,7 @@ contains
          call draw_friction(runner%plan, models, block, friction)
          call run_block(runner, block(1)%case_number, friction, block(1)%first, time_to_stop, &
                         finished(n + 1), error)
+         if (allocated(error)) call name_sample(runner%plan, block, error)
          if (allocated(error) .or. finished(n + 1)%n_samples == 0) exit
          n = n + 1
          if (seconds_so_far() - began > longest .or. &

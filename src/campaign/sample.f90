@@ -8,7 +8,6 @@ module campaign_sample
    use campaign_time_average, only: count_spans, end_of_span, errors_of_averages, fewest_spans
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
-   use core_text, only: to_text
    use dynamics_joint, only: count_open_slips
    use dynamics_response, only: block_state, start_block, stored_energy
    use structure_model, only: structure_type
@@ -336,13 +335,18 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: largest = 1.0e150_wp
       logical :: is_within
+      integer :: i
 
-      is_within = all(result%slip_distance <= largest) .and. all(result%dissipation <= largest)
-      if (allocated(result%psd)) is_within = is_within .and. all(result%psd <= largest)
-      if (.not. is_within) call raise(error, exit_no_solution, 'case '// &
-                                      to_text(result%case_number)//': spectra or slip beyond '// &
-                                      '1e150: scale the units of the scene; motion grows if '// &
-                                      'K has a negative eigenvalue')
+      do i = 1, result%n_samples
+         is_within = all(result%slip_distance(:, i) <= largest) .and. &
+                     all(result%dissipation(:, i) <= largest)
+         if (allocated(result%psd)) is_within = is_within .and. all(result%psd(:, :, i) <= largest)
+         if (is_within) cycle
+         call raise(error, exit_no_solution, 'spectra or slip beyond 1e150: scale the units of '// &
+                    'the scene; motion grows if K has a negative eigenvalue')
+         error%sample = i
+         return
+      end do
    end subroutine check_range
 
 end module campaign_sample

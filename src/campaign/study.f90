@@ -3,14 +3,16 @@
 module campaign_study
    use campaign_plan, only: have_same_force, plan_type
    use campaign_runner, only: block_width
+   use core_error, only: error_type
    use core_kinds, only: wp
    use core_random, only: new_stream, stream_type
+   use core_text, only: to_text
    use numerics_sorting, only: sort_order
    use process_model, only: process_model_type, request_label
    use process_realization, only: draw_points
    implicit none(type, external)
    private
-   public :: block_range, claim_type, draw_friction, open_claims
+   public :: block_range, claim_type, draw_friction, name_sample, open_claims
 
    integer, parameter :: most_block_claimers = 64   !! ranks up to which a claim is one block
 
@@ -160,5 +162,31 @@ contains
          end associate
       end do
    end subroutine draw_friction
+
+   !> Begins the message of an error of one sample of a block with its case and number.
+   pure subroutine name_sample(plan, block, error)
+      type(plan_type), intent(in) :: plan
+      type(block_range), intent(in) :: block(:)   !! samples of the block
+      type(error_type), intent(inout) :: error
+      character(:), allocatable :: name
+      integer :: i, k
+
+      k = error%sample
+      if (k == 0) return
+      do i = 1, size(block)
+         associate (case => plan%cases(block(i)%case_number), &
+                    n => block(i)%last - block(i)%first + 1)
+            if (k <= n) then
+               name = 'case '//to_text(block(i)%case_number)
+               if (case%audits > 0) name = 'audit of case '//to_text(case%audits)
+               error%message = name//', sample '// &
+                               to_text(case%first_sample + block(i)%first + k - 2)//': '// &
+                               error%message
+               return
+            end if
+            k = k - n
+         end associate
+      end do
+   end subroutine name_sample
 
 end module campaign_study

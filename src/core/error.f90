@@ -15,6 +15,7 @@ module core_error
    type :: error_type
       integer :: exit_code = exit_no_solution
       character(:), allocatable :: message   !! thing, its value and the broken rule
+      integer :: sample = 0   !! the sample of its block that it concerns, from 1; 0: none
    end type error_type
 
 contains

@@ -70,6 +70,7 @@ contains
       real(wp) :: nanoseconds
       integer :: i, kept
 
+      level%case_number = cases
       level%sample = spread(1, 1, size(cases))
       associate (plan => runner%plan, n => runner%plan%structure%n_forces)
          allocate (level%friction(plan%structure%n_joints, size(cases)), &

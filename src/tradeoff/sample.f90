@@ -8,7 +8,7 @@ module tradeoff_sample
    use campaign_results, only: block_result
    use campaign_runner, only: block_width, prepare_runner, runner_type
    use campaign_sample, only: run_block, stop_query
-   use campaign_study, only: block_range, draw_friction
+   use campaign_study, only: block_range, draw_friction, name_sample
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_random, only: label_of, new_stream, stream_type
@@ -97,9 +97,7 @@ contains
       associate (cases => level%case_number, samples => level%sample)
          n = size(samples)
          if (present(models)) then
-            call draw_friction(plan, models, &
-                               [(block_range(cases(i), samples(i), samples(i)), i=1, n)], &
-                               level%friction)
+            call draw_friction(plan, models, block_of(level), level%friction)
          else
             allocate (level%friction(plan%structure%n_joints, n))
             do i = 1, n
@@ -112,6 +110,16 @@ contains
       call runner%force_of(level%case_number(1), 1, force, error)
       if (.not. allocated(error)) allocate (level%force(0:n_steps, n), source=force(:n_steps, :))
    end subroutine draw_level
+
+   !> Samples of a level, each as a range of one.
+   pure function block_of(level) result(block)
+      type(level_type), intent(in) :: level
+      type(block_range) :: block(size(level%sample))
+
+      block%case_number = level%case_number(:size(block))
+      block%first = level%sample
+      block%last = level%sample
+   end function block_of
 
    !> Independent friction values |mean + std z|, z normal, with the mean and standard deviation of
    !> the case's process.
@@ -201,6 +209,7 @@ contains
          call cpu_time(before)
          call run_block(runner, 1, level%friction, 1, should_stop, result, error)
          call cpu_time(after)
+         if (allocated(error)) call name_sample(plan, block_of(level), error)
          nanoseconds = 1.0e9_wp*(after - before)/(real(n_steps, wp)*size(level%sample))
       end associate
    end subroutine march_level

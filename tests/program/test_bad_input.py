@@ -77,8 +77,9 @@ def test_results_too_large_for_their_squares_are_refused(
     done = entroslip("run", scene, "--output", "large.h5", *words)
     assert done.returncode == 4
     assert re.fullmatch(
-        "entroslip: (case [12]: spectra or slip beyond 1e150: scale the units of the scene; .*|"
-        "joint . of sample 1 of its block: more than 1000 transitions in the step .*)\n",
+        "entroslip: case [12], sample 1: "
+        "(spectra or slip beyond 1e150: scale the units of the scene; .*|"
+        "joint .: more than 1000 transitions in the step .*)\n",
         done.stderr,
     )
     assert not (tmp_path / "large.h5").exists()

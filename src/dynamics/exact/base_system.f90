@@ -3,7 +3,7 @@
 module dynamics_exact_base_system
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
-   use core_text, only: to_text
+   use core_text, only: rounded_text, to_text
    use dynamics_exact_joint_paths, only: joint_paths, width
    use dynamics_exact_transitions, only: transition_group
    use dynamics_response, only: block_state
@@ -87,10 +87,10 @@ contains
       real(wp), intent(in) :: begin   !! time at which the part begins [parts]
       type(error_type), allocatable, intent(out) :: error
 
-      call raise(error, exit_no_solution, 'joint '//to_text(joint)//' of sample '// &
-                 to_text(base%paths%first_sample + lane - 1)//' of its block: more than '// &
+      call raise(error, exit_no_solution, 'joint '//to_text(joint)//': more than '// &
                  to_text(base%max_transitions)//' transitions in the step that ends at t = '// &
-                 to_text((begin + 1.0_wp)*base%h))
+                 rounded_text((begin + 1.0_wp)*base%h, 6))
+      error%sample = base%paths%first_sample + lane - 1
    end subroutine raise_too_many
 
 end module dynamics_exact_base_system
