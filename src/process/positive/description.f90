@@ -79,6 +79,8 @@ contains
       real(wp) :: by_shape(2)
       integer :: m
 
+      call describe_lags(search, uncertainty, model, error)
+      if (allocated(error)) return
       call describe_evaluation(search, model)
       by_shape = uncertainty%length_errors()
       model%l0_error = hypot(model%l0_error, by_shape(1))
@@ -90,8 +92,6 @@ contains
       else
          allocate (model%poles(0))
       end if
-      call describe_lags(search, uncertainty, model, error)
-      if (allocated(error)) return
       m = min(model%order, search%problem%n_lags)
       model%l0_cut = correlation_length('L0', model%autocovariance(0:m))
       model%l1_cut = correlation_length('L1', model%autocovariance(0:m))
@@ -126,6 +126,7 @@ contains
       integer, parameter :: affordable = 3000000   ! lags times steps of a batch: about a second
       type(sampled_objective) :: longer
       real(wp), allocatable :: state(:)
+      real(wp) :: b0
       logical :: is_inside
 
       longer = search
@@ -136,10 +137,11 @@ contains
                                 model%autocovariance_error)
       call require_signs(search, model%autocovariance, model%autocovariance_error, error)
       if (allocated(error)) return
-      model%autocovariance(:) = model%b0**2*model%autocovariance
+      b0 = search%problem%request%std/search%last%moments%std
+      model%autocovariance(:) = b0**2*model%autocovariance
       model%autocovariance_error(:) = &
-         model%b0**2*hypot(model%autocovariance_error, search%last%moments%std**2 &
-                           *uncertainty%correlation_errors(search%problem%n_lags))
+         b0**2*hypot(model%autocovariance_error, search%last%moments%std**2 &
+                     *uncertainty%correlation_errors(search%problem%n_lags))
    end subroutine describe_lags
 
    !> Describes the process of the same a_q, b0 and mu under the other law, and the acceptances of

@@ -70,7 +70,7 @@ contains
       type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
       type(ring_type) :: ring
       real(wp) :: sums(lanes, -1:batches%n_single + 2, 2)
-      integer :: first, last, stretch, sweep
+      integer :: last, stretch, sweep
 
       batches%centre = centre
       ring = new_ring(g, field, centre, ring_length, max(batches%n_lags, ubound(g, 1)), .false.)
@@ -88,10 +88,9 @@ contains
             call add_products(ring%history, ring%length, batches%n_single, batches%n_lags, ring%y, &
                               sums(:, :, 2))
          end do
-         first = (stretch - 1)*lanes + 1
          last = stretch*lanes
-         batches%x(:, first:last) = transpose(sums(:, :, 1))/(n_sweeps*ring%length)
-         batches%y(:, first:last) = transpose(sums(:, :, 2))/(n_sweeps*ring%length)
+         batches%x(:, last - lanes + 1:last) = transpose(sums(:, :, 1))/(n_sweeps*ring%length)
+         batches%y(:, last - lanes + 1:last) = transpose(sums(:, :, 2))/(n_sweeps*ring%length)
       end do
    end subroutine sample_exact
 

@@ -35,7 +35,7 @@ contains
       real(wp), parameter :: far = 1.0e6_wp   ! values over the mean that grow without bound
       real(wp), allocatable :: d(:, :), y(:, :), sums(:, :, :)
       real(wp) :: acceptance(lanes, n_acceptance_sums)
-      integer :: block, first, history, last, n, stretch
+      integer :: block, history, last, n, stretch
 
       history = max(batches%n_lags, size(a))
       allocate (d(lanes, 1 - history:block_steps), y(lanes, 1 - history:block_steps), &
@@ -60,11 +60,10 @@ contains
          end do
          if (stretch == 0) cycle
          n = (block - 1)*block_steps
-         first = (stretch - 1)*lanes + 1
          last = stretch*lanes
-         batches%x(:, first:last) = transpose(sums(:, :, 1))/n
-         batches%y(:, first:last) = transpose(sums(:, :, 2))/n
-         batches%acceptance(:, first:last) = transpose(acceptance)/n
+         batches%x(:, last - lanes + 1:last) = transpose(sums(:, :, 1))/n
+         batches%y(:, last - lanes + 1:last) = transpose(sums(:, :, 2))/n
+         batches%acceptance(:, last - lanes + 1:last) = transpose(acceptance)/n
       end do
    end subroutine sample_sequential
 
