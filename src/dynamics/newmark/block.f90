@@ -4,7 +4,7 @@
 !> piece of force, so that times and step sizes are whole numbers. A sample has two slots for its
 !> motion: one holds its present motion, the other that at the end of a trial step.
 module dynamics_newmark_block
-   use core_kinds, only: long, two_pi, wp
+   use core_kinds, only: long, wp
    use dynamics_alignment, only: aligned_memory
    use dynamics_joint, only: count_open_slips, enter_transition, slider_at
    use dynamics_newmark_frame, only: newmark_frame
@@ -30,8 +30,7 @@ module dynamics_newmark_block
       integer, allocatable :: column(:)           !! (sample) column before its first force
       integer(long), allocatable :: tick(:)       !! (sample) present time
       integer(long), allocatable :: step_ticks(:)      !! (sample) length of the next step
-      integer(long), allocatable :: crossing_tick(:)   !! (sample) a joint crosses its limit by then
-      integer(long) :: smooth_ticks = 0           !! longest step of predictions: dt, or 1/(4 omega)
+      integer(long), allocatable :: crossing_tick(:)   !! (sample) end of the last failed trial
       integer(long), allocatable :: slot(:)       !! (sample) 0 or 1: slot of the present motion
       integer, allocatable :: pattern(:)          !! (sample) short frames: bit j-1 is 1: j is stuck
       !> (row; a, v, x; slot; sample)
@@ -50,7 +49,6 @@ module dynamics_newmark_block
       real(wp), private :: tick_size = 0.0_wp     !! length of a tick [s]
       type(aligned_memory), private :: memory
    contains
-      procedure :: predict_crossing
       procedure :: switch_at_nearer_end
       procedure :: add_work
       procedure, private :: switch
@@ -70,7 +68,6 @@ contains
       type(block_state), intent(in) :: state
       type(newmark_block), intent(inout) :: block
       real(wp), pointer, contiguous :: planes(:, :, :)
-      real(wp) :: fastest   ! omega [rad/s]
       integer :: j, m, rows, samples, w
 
       samples = state%n_samples
@@ -83,8 +80,6 @@ contains
       block%max_halvings = max_halvings
       block%dt = dt
       block%tick_size = 0.5_wp**max_halvings*dt
-      fastest = two_pi*maxval(frame%structure%frequencies_stuck)
-      block%smooth_ticks = int(2.0_wp**max_halvings/max(1.0_wp, 4.0_wp*fastest*dt), long)
       allocate (block%force(0:ubound(force, 1), size(force, 2)))
       block%force(:, :) = force
       block%column = [(min(block%n_forces*(w - 1), size(force, 2) - block%n_forces), &
@@ -136,61 +131,6 @@ contains
       state%work_input = state%work_input + block%work(1, :)
       state%work_viscous = state%work_viscous + block%work(2, :)
    end subroutine store_block
-
-   !> Predicts the tick by which a joint of sample w crosses its limit, after a trial that ended
-   !> beyond it: trials that end there or later would fail and are not made. The mean acceleration
-   !> until the crossing is taken between that at the start and that of the whole trial; the tick is
-   !> then put one tick and 2 omega h/15 of the time later. For omega h > 1/4 it is the trial's end.
-   subroutine predict_crossing(self, w)
-      class(newmark_block), intent(inout) :: self
-      integer, intent(in) :: w
-      integer(long), parameter :: few = 8   ! so few ticks are cheaper to halve
-      real(wp) :: reserve, step_ticks
-      integer(long) :: new, old
-      integer :: i
-
-      self%crossing_tick(w) = self%tick(w) + self%step_ticks(w)
-      if (self%step_ticks(w) <= few .or. self%step_ticks(w) > self%smooth_ticks) return
-      old = self%slot(w)
-      new = 1 - old
-      call find_margins(size(self%bounds, 1), self%bounds(:, :, w), self%motion(:, :, :, w), &
-                        self%margin)
-      step_ticks = self%step_ticks(w)
-      reserve = step_ticks/(30.0_wp*self%smooth_ticks)
-      do i = 1, self%frame%n_rows   ! rows without a joint never cross
-         if (.not. self%margin(i, new) < 0.0_wp) cycle
-         step_ticks = min(step_ticks, 1.0_wp + (1.0_wp + reserve)*latest_crossing(i)/self%tick_size)
-      end do
-      self%crossing_tick(w) = self%tick(w) + max(1_long, ceiling(step_ticks, long))
-
-   contains
-
-      !> Latest time after the start of the step at which the joint of row i crosses its limit, if
-      !> its mean acceleration is between that at the start and that of the whole step [s].
-      pure real(wp) function latest_crossing(i) result(time)
-         integer, intent(in) :: i
-         real(wp) :: acceleration, gap, root, side, speed
-
-         time = self%step_ticks(w)*self%tick_size
-         if (self%bounds(i, 4, w) > 0.0_wp) then
-            side = sign(1.0_wp, self%motion(i, 3, new, w) - self%bounds(i, 1, w))
-            gap = self%bounds(i, 2, w) - side*(self%motion(i, 3, old, w) - self%bounds(i, 1, w))
-            speed = side*self%motion(i, 2, old, w)
-            acceleration = min(side*self%motion(i, 1, old, w), &
-                               0.5_wp*side*sum(self%motion(i, 1, :, w)))
-            root = speed**2 + 2.0_wp*acceleration*gap
-            if (root < 0.0_wp) return
-            root = speed + sqrt(root)
-            if (root > 0.0_wp) time = 2.0_wp*gap/root
-         else
-            side = self%bounds(i, 3, w)
-            acceleration = max(side*self%motion(i, 1, old, w), &
-                               0.5_wp*side*sum(self%motion(i, 1, :, w)))
-            if (acceleration < 0.0_wp) time = -self%margin(i, old)/acceleration
-         end if
-      end function latest_crossing
-
-   end subroutine predict_crossing
 
    !> Makes the transitions of a smallest step of sample w in which joints cross their limits, at
    !> the end of the step that is nearer to the first crossing. The start is nearer if the margin

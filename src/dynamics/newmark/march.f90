@@ -98,8 +98,8 @@ contains
       type(newmark_block) :: block
       integer(long) :: next_tick(state%n_samples)   ! time of the next record; -1: none
       integer(long) :: last, record_ticks           ! end; time between records
-      integer :: k, n_active, n_due, n_failed, n_records(state%n_samples), n_switching, w
-      integer, dimension(state%n_samples + 1) :: sample, due, failed, switching
+      integer :: k, n_active, n_due, n_records(state%n_samples), n_switching, w
+      integer, dimension(state%n_samples + 1) :: sample, due, switching
       integer(long), dimension(state%n_samples) :: has_crossed, is_active, is_due, is_switching
 
       if (ubound(force, 1) == 0) return
@@ -118,10 +118,6 @@ contains
          call self%steps%try_steps(sample(:n_active), block, has_crossed)
          do k = 1, merge(n_active, 0, state%keeps_ledger)
             if (has_crossed(sample(k)) == 0) call block%add_work(sample(k))
-         end do
-         call list_marked(has_crossed, failed, n_failed)
-         do k = 1, n_failed
-            call block%predict_crossing(failed(k))
          end do
          call finish_trials(block, last, has_crossed, next_tick, is_active, is_due, is_switching)
          call list_marked(is_active, sample, n_active)
@@ -147,7 +143,7 @@ contains
    end subroutine advance
 
    !> Accepts or refuses the trials of all samples before the last tick, and finds their next steps.
-   !> A refused step is halved, and halved again while it ends at or past a predicted crossing.
+   !> A refused step is halved. No step after it ends where it ended.
    !> Marks the samples that switch now (refused at the smallest step), those whose record is due,
    !> and those that march on without a switch. Without branches, which could not be predicted.
    pure subroutine finish_trials(block, last, has_crossed, next_tick, is_active, is_due, &
@@ -165,21 +161,16 @@ contains
          !$omp simd
          do w = 1, block%n_samples
             block
-               integer(long) :: stands, fails, now, free, longest, next
+               integer(long) :: stands, fails, now, longest, next
 
                fails = merge(has_crossed(w), 0_long, tick(w) < last)
                stands = merge(1_long - has_crossed(w), 0_long, tick(w) < last)
                is_switching(w) = merge(fails, 0_long, ticks(w) == 1)
                now = tick(w) + stands*ticks(w)
-               free = crossing(w) - now - 1
-               free = ior(free, shiftr(free, 1))   ! ones below the highest one
-               free = ior(free, shiftr(free, 2))
-               free = ior(free, shiftr(free, 4))
-               free = ior(free, shiftr(free, 8))
-               free = ior(free, shiftr(free, 16))
                longest = iand(ior(now, full_step), -ior(now, full_step))   ! power of 2, divides now
                next = merge(longest, ticks(w), stands == 1)
-               next = merge(min(next, free - shiftr(free, 1)), next, now < crossing(w))
+               crossing(w) = merge(now + ticks(w), crossing(w), fails == 1)
+               next = merge(min(next, shiftr(crossing(w) - now, 1)), next, now < crossing(w))
                ticks(w) = max(next, 1_long)
                tick(w) = now
                slot(w) = ieor(slot(w), stands)
