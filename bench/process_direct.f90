@@ -7,8 +7,7 @@ program bench_process_direct
    use, intrinsic :: iso_fortran_env, only: output_unit
    use core_error, only: error_type
    use core_kinds, only: wp
-   use process_correlation, only: constraint_weights
-   use process_direct_constraint, only: constraint_of, length_constraint, new_constraint
+   use process_direct_constraint, only: constraint_of, length_constraint
    use process_direct_fit, only: check_by_inversion, fit_direct
    use process_direct_sign_search, only: search_all_signs, sign_search_result
    use process_direct_sign_sequence, only: sequence_solution, solve_sequence
@@ -44,7 +43,7 @@ contains
       integer :: i, round
 
       call fit_direct(request(correlation, length, m_max), model)
-      constraint = new_constraint(constraint_weights(correlation, length, m_max))
+      constraint = constraint_of(request(correlation, length, m_max))
       best = huge(1.0_wp)
       do round = 1, n_rounds
          call cpu_time(start)

@@ -1,12 +1,25 @@
-"""The program accepts the scenes of the measurements in bench/."""
+"""The measurements in bench/ are built, and the program accepts their scenes."""
 
 from __future__ import annotations
+
+import subprocess
 
 import numpy as np
 import pytest
 
 from bench.requirements import SCENES
 from bench.stability import SCHEMES, Bench
+
+
+def test_all_are_built(program):
+    folder = program.parent.parent
+    if not (folder / "CMakeCache.txt").exists():
+        pytest.skip("the program is not in a build folder")
+    done = subprocess.run(
+        ["cmake", "--build", folder, "--target", "benchmarks"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout
+    assert "Warning" not in done.stdout
 
 
 @pytest.mark.parametrize("asked", SCENES)
