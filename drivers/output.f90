@@ -16,7 +16,7 @@ module driver_output
    use driver_campaign, only: report_new_folders
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
-   use io_earlier_results, only: case_errors, check_replaceable, count_stored_samples, &
+   use io_earlier_results, only: case_errors, refuse_replacement, count_stored_samples, &
                                  read_errors, stored_in_results
    use io_files, only: exists, follow_links, remove_file
    use io_lock, only: lock_type, take_lock
@@ -102,7 +102,7 @@ contains
       call take_lock(output%path, output%lock, error)
       if (allocated(error)) return
       associate (command => output%store%identity%command)
-         call check_replaceable(output%path, command, command == 'run', error)
+         call refuse_replacement(output%path, command, command == 'run', error)
       end associate
       if (.not. allocated(error)) call remove_store(output%store, error)
    end subroutine lock_and_clear

@@ -14,7 +14,7 @@ module io_earlier_results
    use io_shards, only: finished_samples, shard_type
    implicit none(type, external)
    private
-   public :: check_replaceable, count_stored_samples, stored_in_results
+   public :: refuse_replacement, count_stored_samples, stored_in_results
    public :: case_errors, read_errors
 
    !> End of an error of a damaged file.
@@ -39,7 +39,7 @@ contains
 
    !> Refuses to replace a file that the same command did not write: the results of another command,
    !> a force record, the scene itself.
-   subroutine check_replaceable(path, command, takes_damaged, error)
+   subroutine refuse_replacement(path, command, takes_damaged, error)
       character(*), intent(in) :: path
       character(*), intent(in) :: command        !! 'run', 'replay' or 'tradeoff'
       logical, intent(in) :: takes_damaged       !! accepts what is left of a damaged results file
@@ -61,7 +61,7 @@ contains
       else if (.not. is_hdf5_file(path)) then
          call refuse_foreign(path, error)
       end if
-   end subroutine check_replaceable
+   end subroutine refuse_replacement
 
    !> True if a file that HDF5 cannot open may be what a full disk has kept of a results file: its
    !> beginning, or nothing. A pipe or a device such as /dev/null, which is empty too, is not.

@@ -6,7 +6,7 @@ module io_tradeoff_results
    use core_kinds, only: wp
    use io_hdf5, only: hdf5_file, hdf5_group
    use tradeoff_effects, only: variant_row
-   use tradeoff_front, only: error_components, setting_row, size_row, spectrum_row
+   use tradeoff_front, only: error_parts, setting_row, size_row, spectrum_row
    use tradeoff_settings, only: setting_dt
    use tradeoff_task_results, only: band_ratio, psd_mean, psd_percentiles, slip, slip_mean, slip_std
    use tradeoff_tasks, only: tradeoff_type
@@ -22,7 +22,7 @@ module io_tradeoff_results
       type(tradeoff_type) :: tradeoff
       type(setting_row), allocatable :: settings(:)
       type(spectrum_row), allocatable :: spectra(:)
-      type(error_components) :: errors
+      type(error_parts) :: errors
       type(size_row), allocatable :: sizes(:)
       type(variant_row), allocatable :: variants(:)
       type(order_row), allocatable :: orders(:)
@@ -93,7 +93,7 @@ contains
    !> Writes the components of the error of the scene's results.
    subroutine write_errors(group, errors)
       type(hdf5_group), intent(inout) :: group
-      type(error_components), intent(in) :: errors
+      type(error_parts), intent(in) :: errors
 
       call group%change_to('/tradeoff/parts')
       call put_component('discretisation', errors%discretisation, 'numerical error')

@@ -12,7 +12,7 @@ module tradeoff_front
    use tradeoff_tasks, only: batch_task, samples_task, setting_task, spectrum_task, tradeoff_type
    implicit none(type, external)
    private
-   public :: error_components, setting_row, size_row, spectrum_row
+   public :: error_parts, setting_row, size_row, spectrum_row
    public :: components_of, has_drawn_friction, meets_targets, nearest_to_targets, &
              setting_rows_of, size_rows_of, predicted_slip_error, spectrum_rows_of
 
@@ -45,7 +45,7 @@ module tradeoff_front
    end type size_row
 
    !> Components of the error of the scene's results.
-   type :: error_components
+   type :: error_parts
       real(wp) :: discretisation(n_published) = 0.0_wp   !! numerical error
       real(wp) :: time(n_published) = 0.0_wp      !! time-average error
       real(wp) :: samples(n_published) = 0.0_wp   !! Monte Carlo error of the scene's estimator
@@ -53,7 +53,7 @@ module tradeoff_front
       !> time-average error of the slip fraction of one sample [points] if each has its own record
       !> (the scatter over samples of a short march contains it); else 0
       real(wp) :: noise = 0.0_wp
-   end type error_components
+   end type error_parts
 
 contains
 
@@ -148,7 +148,7 @@ contains
       type(tradeoff_type), intent(in) :: tradeoff
       type(setting_row), intent(in) :: own   !! row of the scene's setting
       integer, intent(in) :: n_steps         !! measured steps of the scene
-      type(error_components) :: errors
+      type(error_parts) :: errors
       real(wp) :: error(n_published), high, low
       integer :: i
 
@@ -174,7 +174,7 @@ contains
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
       type(slip_error) :: error
-      type(error_components) :: errors
+      type(error_parts) :: errors
       real(wp), allocatable :: now(:), ratio(:)
       real(wp) :: w
       integer :: i, n_steps
@@ -213,7 +213,7 @@ contains
    pure subroutine add_time_average_errors(tradeoff, n_steps, errors)
       type(tradeoff_type), intent(in) :: tradeoff
       integer, intent(in) :: n_steps
-      type(error_components), intent(inout) :: errors
+      type(error_parts), intent(inout) :: errors
       real(wp), allocatable :: series(:, :, :)   ! (joint or dof, published number, batch)
       real(wp) :: factor
       integer :: i, k, q
@@ -254,7 +254,7 @@ contains
    !> Monte Carlo errors with `factor` times the scene's samples.
    pure function monte_carlo_error(tradeoff, errors, factor) result(error)
       type(tradeoff_type), intent(in) :: tradeoff
-      type(error_components), intent(in) :: errors   !! errors with time averages
+      type(error_parts), intent(in) :: errors   !! errors with time averages
       real(wp), intent(in) :: factor
       real(wp) :: error(n_published)
       real(wp), allocatable :: now(:), ratio(:)
@@ -283,7 +283,7 @@ contains
    !> the part that is due to their own records; and plain sampling's over them.
    pure subroutine mean_slip_errors(found, noise, now, ratio)
       type(task_result), intent(in) :: found   !! result of a samples task
-      real(wp), intent(in) :: noise            !! as in error_components
+      real(wp), intent(in) :: noise            !! as in error_parts
       real(wp), allocatable, intent(out) :: now(:), ratio(:)   !! (joint) error, ratio
 
       associate (w => real(found%n_samples, wp))
@@ -305,7 +305,7 @@ contains
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
       type(setting_row), intent(in) :: own   !! row of the scene's setting
-      type(error_components), intent(in) :: errors
+      type(error_parts), intent(in) :: errors
       type(size_row), allocatable :: rows(:)
       real(wp), parameter :: samples(*) = 0.25_wp*[1, 4, 4, 4, 16, 16, 64]
       real(wp), parameter :: steps(*) = 0.25_wp*[4, 1, 4, 16, 4, 16, 4]
