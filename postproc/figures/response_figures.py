@@ -41,7 +41,7 @@ def plot_history(axes: Axes, case: Case, results: Results) -> None:
             **style.line_of_dof(dof, case.n_dof) | {"linewidth": 1.0},
         )  # fmt: skip
     axes.set(xlabel="time [s]", ylabel="displacement [m]", xlim=(time[first], time[-1]))
-    axes.legend(ncols=3, loc="upper right")  # "best" takes seconds among many values
+    axes.legend(ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1.0))  # curves fill the axes
 
 
 def find_episode(case: Case) -> Episode | None:
