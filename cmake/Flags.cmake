@@ -30,6 +30,8 @@ check_fortran_compiler_flag(-mtune=icelake-server CAN_TUNE)
 set(lane_loops -O2 -ftree-vectorize ${masked_loads} -fpeel-loops -fno-tree-loop-distribute-patterns
   "$<$<BOOL:${CAN_TUNE}>:-mtune=icelake-server>")
 set(lane_loops "$<$<CONFIG:Release>:${lane_loops}>")
+# Floors without a loop that takes time compile in half of it.
+set(few_loops -O1)
 if(ENTROSLIP_SANITIZE)
   list(APPEND debug -fsanitize=address,undefined -fno-omit-frame-pointer)
   target_link_options(entroslip_flags INTERFACE -fsanitize=address,undefined)

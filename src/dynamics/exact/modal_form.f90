@@ -304,20 +304,27 @@ contains
       real(wp), intent(out) :: displacement(:, :)
       real(wp), intent(out) :: velocity(:, :)
       real(wp) :: x(lanes, strip*size(self%operators%shape, 3))
-      integer :: first, g, i, plane
+      integer :: first, g
 
       do g = 1, self%n_groups
          first = lanes*(g - 1) + 1
-         do i = 1, merge(1, 2, size(velocity) == 0)
-            plane = merge(1, size(self%modes, 3) - 1, i == 1)
-            call multiply_strips(size(x, 2)/strip, self%operators%n_rows, &
-                                 self%operators%shape(:, :, :, i), self%modes(:, :, plane, g), x)
-            associate (of_dofs => x(:, :self%operators%n_modes))
-               if (i == 1) displacement(first:first + lanes - 1, :) = of_dofs
-               if (i == 2) velocity(first:first + lanes - 1, :) = of_dofs/self%h
-            end associate
-         end do
+         call read_shape(1, 1)
+         displacement(first:first + lanes - 1, :) = x(:, :self%operators%n_modes)
+         if (size(velocity) == 0) cycle
+         call read_shape(2, size(self%modes, 3) - 1)
+         velocity(first:first + lanes - 1, :) = x(:, :self%operators%n_modes)/self%h
       end do
+
+   contains
+
+      !> Finds displacements (1) or velocities (2) of all dofs from a plane of the modes.
+      subroutine read_shape(quantity, plane)
+         integer, intent(in) :: quantity, plane
+
+         call multiply_strips(size(x, 2)/strip, self%operators%n_rows, &
+                       self%operators%shape(:, :, :, quantity), self%modes(:, :, plane, g), x)
+      end subroutine read_shape
+
    end subroutine copy_state
 
 end module dynamics_exact_modal_form

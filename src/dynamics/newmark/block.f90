@@ -30,7 +30,7 @@ module dynamics_newmark_block
       integer, allocatable :: column(:)           !! (sample) column before its first force
       integer(long), allocatable :: tick(:)       !! (sample) present time
       integer(long), allocatable :: step_ticks(:)      !! (sample) length of the next step
-      integer(long), allocatable :: crossing_tick(:)   !! (sample) end of the last failed trial
+      integer(long), allocatable :: failed_tick(:)     !! (sample) end of the last failed trial
       integer(long), allocatable :: slot(:)       !! (sample) 0 or 1: slot of the present motion
       integer, allocatable :: pattern(:)          !! (sample) short frames: bit j-1 is 1: j is stuck
       !> (row; a, v, x; slot; sample)
@@ -85,7 +85,7 @@ contains
       block%column = [(min(block%n_forces*(w - 1), size(force, 2) - block%n_forces), &
                        w=1, samples)]
       block%reach = state%slip_limit/spread(frame%structure%joint_stiffness, 2, samples)
-      allocate (block%tick(samples), block%crossing_tick(samples), block%slot(samples), &
+      allocate (block%tick(samples), block%failed_tick(samples), block%slot(samples), &
                 source=0_long)
       allocate (block%step_ticks(samples), source=shiftl(1_long, max_halvings))
       allocate (block%pattern(samples), block%list(m + 1), source=0)
@@ -168,7 +168,7 @@ contains
          call self%switch(state, j, w, &
                           merge(1, -1, self%motion(i, 3, new, w) > self%bounds(i, 1, w)))
       end do
-      self%crossing_tick(w) = 0
+      self%failed_tick(w) = 0
       self%step_ticks(w) = shiftl(1_long, min(trailz(self%tick(w)), self%max_halvings))
 
    contains

@@ -116,9 +116,11 @@ contains
       do while (n_active > 0)   ! a trial step of each sample that is not at the end
          has_crossed = 0
          call self%steps%try_steps(sample(:n_active), block, has_crossed)
-         do k = 1, merge(n_active, 0, state%keeps_ledger)
-            if (has_crossed(sample(k)) == 0) call block%add_work(sample(k))
-         end do
+         if (state%keeps_ledger) then
+            do k = 1, n_active
+               if (has_crossed(sample(k)) == 0) call block%add_work(sample(k))
+            end do
+         end if
          call finish_trials(block, last, has_crossed, next_tick, is_active, is_due, is_switching)
          call list_marked(is_active, sample, n_active)
          call list_marked(is_due, due, n_due)
@@ -157,7 +159,7 @@ contains
 
       full_step = shiftl(1_long, block%max_halvings)
       associate (tick => block%tick, ticks => block%step_ticks, slot => block%slot, &
-                 crossing => block%crossing_tick)
+                 failed => block%failed_tick)
          !$omp simd
          do w = 1, block%n_samples
             block
@@ -169,8 +171,8 @@ contains
                now = tick(w) + stands*ticks(w)
                longest = iand(ior(now, full_step), -ior(now, full_step))   ! power of 2, divides now
                next = merge(longest, ticks(w), stands == 1)
-               crossing(w) = merge(now + ticks(w), crossing(w), fails == 1)
-               next = merge(min(next, shiftr(crossing(w) - now, 1)), next, now < crossing(w))
+               failed(w) = merge(now + ticks(w), failed(w), fails == 1)
+               next = merge(min(next, shiftr(failed(w) - now, 1)), next, now < failed(w))
                ticks(w) = max(next, 1_long)
                tick(w) = now
                slot(w) = ieor(slot(w), stands)
