@@ -4,22 +4,20 @@
 module dynamics_exact_powers
    use core_kinds, only: wp
    use dynamics_exact_joint_paths, only: padded_rows, width
+   use numerics_sparse, only: sparse_matrix, sparse_of
    implicit none(type, external)
    private
    public :: power_operator, new_power_operator, next_power
 
    !> Factors of powers k and k + 1 and of the forces in power k + 2: entries of K^, C^ and the load
-   !> in one list. Rows are taken in pairs, so that factors of both are loaded once. Places are
+   !> in one list. Rows are taken in pairs, so that what both multiply is loaded once. Places are
    !> those of joint_paths; those of powers 0 and 1 alternate from part to part (exchange_ends).
    type :: power_operator
-      integer :: n_pairs = 0
-      integer :: n_multiplications = 0
       integer :: from(0:1) = 0                  !! place before the first row of power k
       integer :: to = 0                         !! place before the first row of power k + 2
       logical :: has_pull = .false.             !! k = 0: the pull of the joints is a force
       real(wp) :: scale = 0.0_wp                !! -1/((k + 1)(k + 2))
-      !> (1:3, pair + 1) first entries of the first row alone, of the second alone, of both
-      integer, allocatable :: start(:, :)
+      type(sparse_matrix) :: pairs              !! (pair, column) entries of one row or of both
       integer, allocatable :: place(:, :)       !! (entry, 0:1) what the entry multiplies
       real(wp), allocatable :: value(:, :)      !! (row, entry) K^, (k + 1) C^ or -h^2 M^-1 b
    end type power_operator
@@ -33,43 +31,30 @@ contains
       real(wp), intent(in) :: damping(:, :)   !! C^ without its negligible entries (dof, dof)
       real(wp), intent(in) :: load(:, :)      !! h^2 M^-1 b (dof, force)
       type(power_operator) :: operator
-      real(wp), allocatable :: entries(:, :)   ! (row, column)
-      integer, allocatable :: column(:), sharing(:)
       !> first: places before powers k and k + 1, and before the force
-      integer :: first(3, 0:1), i, j, n, n_padded, pair, turn
+      integer :: first(3, 0:1), e, i, n, n_padded, n_pairs
+      real(wp), allocatable :: entries(:, :)   ! (row, column)
 
       n = size(springs, 1)
       n_padded = padded_rows(n_rows)
-      operator%n_pairs = (n + 1)/2
       operator%to = n_padded*(k + 2)
       operator%has_pull = k == 0
       operator%scale = -1.0_wp/((k + 1)*(k + 2))
       first(:, 0) = [n_padded*k, n_padded*(k + 1), n_padded*(degree + 5) + size(load, 2)*k]
       first(:, 1) = first(:, 0) + merge(n_padded*(degree + 1), 0, [k <= 1, k == 0, .false.])
       operator%from = first(1, :)
-      allocate (entries(2*operator%n_pairs, 2*n + size(load, 2)), source=0.0_wp)
+      n_pairs = (n + 1)/2
+      allocate (entries(2*n_pairs, 2*n + size(load, 2)), source=0.0_wp)
       entries(:n, :n) = springs
       entries(:n, n + 1:2*n) = (k + 1)*damping
       if (k <= 1) entries(:n, 2*n + 1:) = -load
-      operator%n_multiplications = count(abs(entries) > 0.0_wp)
-      allocate (operator%start(3, operator%n_pairs + 1), column(0))
-      do pair = 1, operator%n_pairs
-         sharing = matmul([1, 2], merge(1, 0, abs(entries(2*pair - 1:2*pair, :)) > 0.0_wp))
-         do i = 1, 3
-            operator%start(i, pair) = size(column) + 1
-            column = [column, pack([(j, j=1, size(sharing))], sharing == i)]
-         end do
-      end do
-      operator%start(:, pair) = size(column) + 1
-      allocate (operator%value(2, size(column)), operator%place(size(column), 0:1))
-      do pair = 1, operator%n_pairs
-         associate (a => operator%start(1, pair), b => operator%start(1, pair + 1) - 1)
-            operator%value(:, a:b) = entries(2*pair - 1:2*pair, column(a:b))
-         end associate
-      end do
-      associate (factor => min((column - 1)/n, 2))   ! 0: power k, 1: power k + 1, 2: force
-         do turn = 0, 1
-            operator%place(:, turn) = first(1 + factor, turn) + column - n*factor
+      operator%pairs = sparse_of(abs(entries(::2, :)) + abs(entries(2::2, :)))
+      associate (column => operator%pairs%column, pair => operator%pairs%row_of_entries())
+         allocate (operator%value(2, size(column)), operator%place(size(column), 0:1))
+         do e = 1, size(column)
+            operator%value(:, e) = entries(2*pair(e) - 1:2*pair(e), column(e))
+            i = min((column(e) - 1)/n, 2)   ! 0: power k, 1: power k + 1, 2: force
+            operator%place(e, :) = first(1 + i, :) + column(e) - n*i
          end do
       end associate
    end function new_power_operator
@@ -84,9 +69,10 @@ contains
       real(wp) :: a(width), b(width), scale
       integer :: e, from, i, pair, to
 
-      associate (start => operator%start, place => operator%place(:, turn), value => operator%value)
+      associate (start => operator%pairs%start, place => operator%place(:, turn), &
+                 value => operator%value)
          scale = operator%scale
-         do pair = 1, operator%n_pairs
+         do pair = 1, operator%pairs%n_rows
             i = 2*pair - 1
             from = operator%from(turn) + i
             to = operator%to + i
@@ -94,13 +80,7 @@ contains
             b = stiffness(:, i + 1)*x(:, from + 1)
             if (operator%has_pull) a = a - pull(:, i)
             if (operator%has_pull) b = b - pull(:, i + 1)
-            do e = start(1, pair), start(2, pair) - 1
-               a = a + value(1, e)*x(:, place(e))
-            end do
-            do e = start(2, pair), start(3, pair) - 1
-               b = b + value(2, e)*x(:, place(e))
-            end do
-            do e = start(3, pair), start(1, pair + 1) - 1
+            do e = start(pair), start(pair + 1) - 1
                a = a + value(1, e)*x(:, place(e))
                b = b + value(2, e)*x(:, place(e))
             end do

@@ -48,7 +48,7 @@ contains
       work = 3.5_wp*self%degree*self%n_rows + (self%degree - 1.0_wp)* &   ! guards; diagonal, links
              (2*self%n_dof + 2*size(self%links%value))
       do k = 0, self%degree - 2
-         work = work + self%operators(k)%n_multiplications
+         work = work + count(abs(self%operators(k)%value) > 0.0_wp)
       end do
    end function work
 
