@@ -17,7 +17,9 @@ from ..output import InputError
 Matrix: TypeAlias = Any  # scipy.sparse.csc_array: real, both triangles stored
 
 _ASYMMETRY = 1.0e-8  # of the largest entry; exports round to 10 digits and more
-_ZERO = 1.0e-10  # of the largest eigenvalue: a rigid mode, as the program counts them
+_ZERO = 1.0e-10  # of the largest eigenvalue: rounding of K, or a fine mesh
+_GAP = 100.0  # least ratio of an elastic eigenvalue to the rounding that rigid modes have
+_MOST_RIGID = 12
 _DENSE = 600  # dofs up to which all eigenvalues are computed at once
 _NAMED = 6  # dofs that a message names
 
@@ -92,13 +94,21 @@ def require_mass(pair: Pair) -> None:
 
 def require_stiffness(pair: Pair) -> int:
     """Number of rigid modes of K alone; a stiffness with a negative eigenvalue is refused."""
-    values = lowest_eigenvalues(pair, min(pair.n_dof, 12))
-    bound = _ZERO * largest_eigenvalue(pair)
-    if values[0] < -bound:
+    values = lowest_eigenvalues(pair, _MOST_RIGID)
+    largest = largest_eigenvalue(pair)
+    if values[0] < -_ZERO * largest:
         raise InputError(
             f"K: must have no negative eigenvalue; the lowest of K x = lambda M x is {values[0]:g}"
         )
-    return int((values <= bound).sum())
+    return _n_rigid(values, largest)
+
+
+def _n_rigid(values: NDArray[np.float64], largest: float) -> int:
+    """Number of the lowest eigenvalues that are rounding, and so far below the next one."""
+    n = int((values <= _ZERO * largest).sum())
+    while 0 < n < values.size and values[n] <= _GAP * abs(values[n - 1]):
+        n -= 1
+    return n
 
 
 def massless(pair: Pair) -> NDArray[np.int64]:
@@ -108,9 +118,9 @@ def massless(pair: Pair) -> NDArray[np.int64]:
 
 def frequencies(pair: Pair, count: int) -> NDArray[np.float64]:
     """The lowest natural frequencies [Hz]; those of rigid modes are 0."""
-    values = lowest_eigenvalues(pair, count)
-    bound = _ZERO * largest_eigenvalue(pair)
-    return np.sqrt(np.where(values < bound, 0.0, values)) / (2.0 * np.pi)
+    values = lowest_eigenvalues(pair, max(count, _MOST_RIGID)).clip(min=0.0)
+    values[: _n_rigid(values, largest_eigenvalue(pair))] = 0.0
+    return np.sqrt(values[:count]) / (2.0 * np.pi)
 
 
 def lowest_eigenvalues(pair: Pair, count: int) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from entroslip.paper.printed import SLIP_HZ, STUCK_HZ
 from entroslip.structure import Joint, craig_bampton, read_pair, ring
 from entroslip.structure.__main__ import main
-from entroslip.structure.pair import frequencies, largest_eigenvalue, total_mass
+from entroslip.structure.pair import frequencies, largest_eigenvalue, require_stiffness, total_mass
 from entroslip.structure.reduction import condensed
 from entroslip.structure.scene import stuck
 from tests.conftest import ROOT
@@ -25,8 +25,8 @@ ROD_K = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]) * 1000
 ROD_M = np.diag([1.0, 1.0, 0.5])
 
 
-def beam(n, length=1.0, bending=100.0, line_mass=2.0):
-    """M, K (2n, 2n) of a cantilever of n Euler-Bernoulli elements: deflections and rotations."""
+def beam(n, length=1.0, bending=100.0, line_mass=2.0, held=2):
+    """M, K of n Euler-Bernoulli elements, deflections and rotations; the first dofs are held."""
     h = length / n
     stiffness, mass = np.zeros((2 * n + 2, 2 * n + 2)), np.zeros((2 * n + 2, 2 * n + 2))
     ke = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2],
@@ -38,7 +38,7 @@ def beam(n, length=1.0, bending=100.0, line_mass=2.0):
         at = np.ix_(range(2 * e, 2 * e + 4), range(2 * e, 2 * e + 4))
         stiffness[at] += bending / h**3 * ke
         mass[at] += line_mass * h / 420 * me
-    return mass[2:, 2:], stiffness[2:, 2:]
+    return mass[held:, held:], stiffness[held:, held:]
 
 
 @pytest.fixture
@@ -53,6 +53,17 @@ def test_a_beam_has_its_frequencies(beam_file):
     pair = read_pair(f"{beam_file}:M", str(beam_file))
     exact = np.array([1.87510407, 4.69409113, 7.85475744]) ** 2 * np.sqrt(100.0 / 2.0) / (2 * np.pi)
     np.testing.assert_allclose(frequencies(pair, 3), exact, rtol=2e-5)
+
+
+@pytest.mark.parametrize(("held", "n_rigid"), [(2, 0), (1, 1), (0, 2)])
+def test_modes_of_a_fine_mesh_are_not_taken_for_rigid(tmp_path, held, n_rigid):
+    """A beam of 300 elements, clamped, hinged, free: lambda_1 = 9e-13 of the largest, clamped."""
+    mass, stiffness = beam(300, held=held)
+    np.savez(tmp_path / "fine.npz", M=mass, K=stiffness)
+    pair = read_pair(str(tmp_path / "fine.npz"), str(tmp_path / "fine.npz"))
+    assert require_stiffness(pair) == n_rigid
+    exact = [1.87510407, 3.92660231, 4.73004074][n_rigid] ** 2 * np.sqrt(50.0) / (2 * np.pi)
+    np.testing.assert_allclose(frequencies(pair, 3)[n_rigid], exact, rtol=1e-3)
 
 
 def test_craig_bampton_keeps_the_low_modes_and_the_statics(beam_file):
@@ -232,7 +243,7 @@ def test_op4_says_what_it_needs(tmp_path, monkeypatch, capsys):
     path = tmp_path / "rod.op4"
     path.write_bytes(b"")
     assert main(["import", "--mass", str(path), "--stiffness", str(path)]) == 2
-    assert "pip install pyNastran" in capsys.readouterr().err
+    assert "pip install --no-deps pyNastran" in capsys.readouterr().err
 
 
 def test_op4_is_read_through_pynastran(tmp_path):
