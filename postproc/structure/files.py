@@ -232,7 +232,8 @@ def _op4(path: Path) -> dict[str, Any]:
         from pyNastran.op4.op4 import OP4
     except ImportError:
         raise InputError(
-            f"{path}: OP4 is read through pyNastran, which is not installed: pip install pyNastran"
+            f"{path}: OP4 is read through pyNastran, which is not installed: pip install"
+            " --no-deps pyNastran cpylog"
         ) from None
     found = OP4(log=None).read_op4(str(path))
     return {key: getattr(value, "data", value[1] if isinstance(value, tuple) else value)
