@@ -101,9 +101,7 @@ contains
 
       call take_lock(output%path, output%lock, error)
       if (allocated(error)) return
-      associate (command => output%store%identity%command)
-         call refuse_replacement(output%path, command, command == 'run', error)
-      end associate
+      call refuse_replacement(output%path, output%store%identity%command, error)
       if (.not. allocated(error)) call remove_store(output%store, error)
    end subroutine lock_and_clear
 

@@ -7,7 +7,7 @@ module io_earlier_results
    use core_kinds, only: wp
    use core_source, only: is_hdf5_file
    use io_contents, only: check_contents
-   use io_files, only: exists, file_size, has_positions
+   use io_files, only: exists
    use io_hdf5, only: hdf5_file, hdf5_group, hdf5_object, open_hdf5
    use io_identity, only: identity_type, refuse_foreign, require_command, require_same
    use io_results, only: case_group
@@ -18,8 +18,8 @@ module io_earlier_results
    public :: case_errors, read_errors
 
    !> End of an error of a damaged file.
-   character(*), parameter :: advice = ': put a sound copy in its place, or discard it with '// &
-                              '--fresh and compute its samples again'
+   character(*), parameter :: advice = ': put a sound copy in its place, or remove it to have '// &
+                              'its samples computed again'
 
    !> Stated errors of one case. The statistics are those of mean slip fractions, if the file has
    !> them.
@@ -39,47 +39,32 @@ contains
 
    !> Refuses to replace a file that the same command did not write: the results of another command,
    !> a force record, the scene itself.
-   subroutine refuse_replacement(path, command, takes_damaged, error)
+   subroutine refuse_replacement(path, command, error)
       character(*), intent(in) :: path
-      character(*), intent(in) :: command        !! 'run', 'replay' or 'tradeoff'
-      logical, intent(in) :: takes_damaged       !! accepts what is left of a damaged results file
+      character(*), intent(in) :: command   !! 'run', 'replay' or 'tradeoff'
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
-      logical :: is_remainder
 
       if (.not. exists(path)) return
-      call open_hdf5(path, file, error)
-      if (.not. allocated(error)) then
-         call require_command(file, command, error)
-         call file%abandon()
-         return
-      end if
-      is_remainder = takes_damaged
-      if (takes_damaged) is_remainder = is_damaged(path)
-      if (is_remainder) then
-         deallocate (error)
-      else if (.not. is_hdf5_file(path)) then
-         call refuse_foreign(path, error)
-      end if
+      call open_results(path, file, error)
+      if (.not. allocated(error)) call require_command(file, command, error)
+      call file%abandon()
    end subroutine refuse_replacement
 
-   !> True if a file that HDF5 cannot open may be what a full disk has kept of a results file: its
-   !> beginning, or nothing. A pipe or a device such as /dev/null, which is empty too, is not.
-   logical function is_damaged(path)
+   !> Opens a file that may be the results of this program; refuses another one, and a truncated one.
+   subroutine open_results(path, file, error)
       character(*), intent(in) :: path
-      character(9) :: beginning   ! HDF5's signature, and the version of its format: 3 in results
-      integer :: status, unit
+      type(hdf5_file), intent(out) :: file
+      type(error_type), allocatable, intent(out) :: error
 
-      is_damaged = file_size(path) == 0
-      if (is_damaged) is_damaged = has_positions(path)
-      if (.not. is_hdf5_file(path)) return
-      open (newunit=unit, file=path, access='stream', form='unformatted', action='read', &
-            iostat=status)
-      if (status /= 0) return
-      read (unit, iostat=status) beginning
-      if (status == 0) is_damaged = beginning(9:) == achar(3)
-      close (unit)
-   end function is_damaged
+      call open_hdf5(path, file, error)
+      if (.not. allocated(error)) return
+      if (is_hdf5_file(path)) then
+         error%message = error%message//advice
+      else
+         call refuse_foreign(path, error)
+      end if
+   end subroutine open_results
 
    !> Finds the numbers of samples of the cases, then of their audits, in a results file. Reads the
    !> whole file; refuses one of another scene or program, and a damaged one.
@@ -95,11 +80,8 @@ contains
       integer :: i, n, n_cases
 
       if (.not. exists(path)) return
-      call open_hdf5(path, file, error)
-      if (allocated(error)) then
-         if (is_damaged(path)) error%message = error%message//advice
-         return
-      end if
+      call open_results(path, file, error)
+      if (allocated(error)) return
       call require_same(file, identity, advice, error)
       if (.not. allocated(error)) then
          call check_contents(file, error)

@@ -8,10 +8,10 @@ module io_files
    use core_terminal, only: is_terminal, standard_output
    use core_text, only: to_text
    use io_posix, only: c_fclose, c_fileno, c_fsync, c_gethostname, c_getpid, c_getppid, &
-                       c_glob, c_globfree, c_lseek, c_mkdir, c_remove, c_rename
+                       c_glob, c_globfree, c_mkdir, c_remove, c_rename
    implicit none(type, external)
    private
-   public :: exists, file_size, folder_of, has_positions, host_name, is_folder, process_id, &
+   public :: exists, file_size, folder_of, host_name, is_folder, process_id, &
              shows_on_terminal
    public :: follow_links, list_files, make_folder, remove_file, rename_file, sync_file, &
              unfinished_name
@@ -131,20 +131,6 @@ contains
       if (c_rename(from//c_null_char, to//c_null_char) /= 0) &
          call raise_system(system_error(), to//': cannot be made from '//from, error)
    end subroutine rename_file
-
-   !> True if a file can be read from its second byte on: a pipe fails, a device stays at the first.
-   logical function has_positions(path)
-      character(*), intent(in) :: path
-      integer(c_int), parameter :: seek_set = 0
-      type(c_ptr) :: stream
-      integer(c_int) :: closed
-
-      has_positions = .false.
-      stream = c_fopen(path//c_null_char, 'r+'//c_null_char)   ! with 'r' a pipe would wait
-      if (.not. c_associated(stream)) return
-      has_positions = c_lseek(c_fileno(stream), 1_c_long, seek_set) == 1
-      closed = c_fclose(stream)
-   end function has_positions
 
    !> Waits until the contents of a file, or the names in a folder, are on the disk.
    subroutine sync_file(path, error)

@@ -50,7 +50,7 @@ def assert_refused(run, *words: str) -> None:
     assert code == REFUSED, said + errors
     for word in words:
         assert word in errors
-    assert "put a sound copy in its place, or discard it with --fresh" in errors
+    assert "put a sound copy in its place, or remove it" in errors
     assert errors.count("entroslip: ") == 1
 
 
