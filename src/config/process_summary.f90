@@ -1,11 +1,8 @@
-!> The part of `entroslip check` on processes: a table, the reasons why some have no solution, and
-!> how realizations of the exact law are drawn.
+!> The part of `entroslip check` on processes: a table, and the reasons why some have no solution.
 module config_process_summary
    use campaign_plan, only: plan_type
-   use core_kinds, only: wp
-   use core_text, only: brief, labelled, numbered, numbers_text, padded, to_text
+   use core_text, only: brief, labelled, numbered, padded, to_text
    use process_model, only: branch_note, process_model_type, process_request
-   use process_realization, only: cheaper_drawing, exact_drawing
    use process_reference, only: is_reference, law_name
    implicit none(type, external)
    private
@@ -65,8 +62,6 @@ contains
       if (size(plan%processes) > max_rows) &
          text = text//'... and '//to_text(size(plan%processes) - max_rows)//' more, of which '// &
                 to_text(count(.not. predicted(max_rows + 1:)%is_solved))//' infeasible'//line_feed
-      if (plan%n_realizations > 0 .or. any(plan%cases%process > 0)) &
-         text = text//drawing_text(predicted, plan%n_points)
       do i = 1, size(predicted)
          if (.not. predicted(i)%is_solved) &
             text = text//labelled(numbered('p', i), predicted(i)%reason)
@@ -84,44 +79,5 @@ contains
       if (.not. allocated(predicted%branch)) return
       if (predicted%branch == 'open') text = 'open'
    end function solution_text
-
-   !> Text on how realizations of the exact law are drawn; '' if there is no such process.
-   function drawing_text(predicted, n_points) result(text)
-      type(process_model_type), intent(in) :: predicted(:)
-      integer, intent(in) :: n_points
-      character(:), allocatable :: text
-      type(exact_drawing) :: drawings(size(predicted))
-      logical :: is_exact(size(predicted))
-      integer :: i
-
-      do i = 1, size(predicted)
-         associate (request => predicted(i)%request)
-            is_exact(i) = predicted(i)%is_solved .and. request%positive .and. &
-                          request%sampler == 'exact' .and. allocated(predicted(i)%a) .and. &
-                          .not. allocated(predicted(i)%g)
-         end associate
-         if (is_exact(i)) drawings(i) = cheaper_drawing(predicted(i), n_points)
-      end do
-      text = drawing_line(is_exact .and. drawings%by_windows, &
-                          'whole windows, redrawn until one is positive: ', drawings%n_windows, &
-                          ' a realization')// &
-             drawing_line(is_exact .and. .not. drawings%by_windows, &
-                          'values of a window redrawn one at a time, in ', &
-                          real(drawings%n_sweeps, wp), ' sweeps')
-   end function drawing_text
-
-   !> Line on the processes that are drawn in one way, with their largest number; '' without any.
-   pure function drawing_line(are_meant, method, numbers, unit) result(text)
-      logical, intent(in) :: are_meant(:)    !! (process) true if it is drawn in this way
-      character(*), intent(in) :: method, unit
-      real(wp), intent(in) :: numbers(:)     !! (process)
-      character(:), allocatable :: text
-
-      text = ''
-      if (.not. any(are_meant)) return
-      text = 'about '//brief(maxval(numbers, are_meant))//unit
-      if (count(are_meant) > 1) text = 'up to '//text
-      text = labelled('exact law', numbers_text('p', are_meant, 'processes')//': '//method//text)
-   end function drawing_line
 
 end module config_process_summary

@@ -74,8 +74,7 @@ contains
    end subroutine check_simulation
 
    !> Forecasts a fit, in a fraction of a second as a rule: refuses a request that the fit would
-   !> refuse at once. Fills the components of the model that `cheaper_drawing` needs for the exact
-   !> law, roughly.
+   !> refuse at once.
    subroutine predict_process(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed

@@ -24,19 +24,11 @@ module process_realization
    use process_reference, only: draw_reference, is_reference
    implicit none(type, external)
    private
-   public :: burn_in_length, cheaper_drawing, draw_chains, draw_gaussian, draw_points, &
-             exact_drawing, n_chains_of, widest_margin
+   public :: burn_in_length, draw_chains, draw_gaussian, draw_points, n_chains_of, widest_margin
 
    real(wp), parameter :: start_weight = 1.0e-10_wp   !! weight of the start after the sweeps
    real(wp), parameter :: rest_weight = 1.0e-9_wp   !! weight of the start after a burn-in
    integer, parameter :: longest_burn_in = 100000000       !! [points]
-
-   !> Method by which a realization of the exact law is drawn, and its cost.
-   type :: exact_drawing
-      logical :: by_windows = .false.   !! Gaussian windows until one is positive; else Gibbs sweeps
-      real(wp) :: n_windows = 1.0_wp    !! expected number of windows
-      integer :: n_sweeps = 0           !! sweeps over one window, a value at a time
-   end type exact_drawing
 
 contains
 
@@ -149,10 +141,14 @@ contains
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)
       real(wp) :: window(size(values) + 2*model%memory)
-      type(exact_drawing) :: drawing
+      real(wp), parameter :: window_cost = 1.5_wp   ! over that of a sweep
+      real(wp) :: ln_windows   ! expected number of windows until one is positive
+      integer :: n_sweeps
 
-      drawing = cheaper_drawing(model, size(values))
-      if (drawing%by_windows) then
+      n_sweeps = sweeps_to_forget((1.0_wp + sum(model%a**2))*(model%std/model%b0)**2, model%l0, &
+                                  start_weight)
+      ln_windows = -log(model%lambda)*size(window)
+      if (ln_windows < log(n_sweeps/window_cost)) then
          do
             call draw_gaussian(model, stream, window)
             if (all(window > 0.0_wp)) exit
@@ -161,24 +157,10 @@ contains
       else
          call draw_window(symbol_of_process(model%a, 1.0_wp), &
                           model%mu/model%b0*(1.0_wp + sum(model%a))**2, &
-                          model%mean/model%b0, model%memory, drawing%n_sweeps, stream, values)
+                          model%mean/model%b0, model%memory, n_sweeps, stream, values)
          values = model%b0*values
       end if
    end subroutine draw_exact
-
-   !> Cheaper method for the exact law. Needs coefficients, std, L0, memory and Lambda of the model.
-   pure type(exact_drawing) function cheaper_drawing(model, n_points) result(drawing)
-      type(process_model_type), intent(in) :: model   !! model of the exact law
-      integer, intent(in) :: n_points
-      real(wp), parameter :: trial_cost = 1.5_wp   ! over that of a sweep
-      real(wp) :: ln_windows
-
-      drawing%n_sweeps = sweeps_to_forget((1.0_wp + sum(model%a**2))*(model%std/model%b0)**2, &
-                                          model%l0, start_weight)
-      ln_windows = -log(model%lambda)*(n_points + 2*model%memory)
-      drawing%by_windows = ln_windows < log(drawing%n_sweeps/trial_cost)
-      if (drawing%by_windows) drawing%n_windows = exp(ln_windows)
-   end function cheaper_drawing
 
    !> Draws a Gaussian realization from the stationary law.
    subroutine draw_gaussian(model, stream, values)

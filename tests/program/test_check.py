@@ -134,30 +134,3 @@ def test_processes_that_differ_in_scale_share_a_fit_and_its_bits(entroslip, tmp_
         assert second["mu"][()] == 2.0 * first["mu"][()]
 
 
-def test_how_values_of_the_exact_law_will_be_drawn_is_said(entroslip, tmp_path):
-    """The way of each process, where values are drawn at all; so many windows give a positive one.
-
-    Next to no correlation, std/mean = 0.5: the normal law below has mu/sigma = 1.728, so each value
-    of a window is positive with probability 0.958, and five more take 0.958**-5 times as many.
-    """
-    scene = (
-        "&process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.04 0.12 sampler = 'exact'"
-        " n_realizations = 3 /\n"
-        "&process correlation_length = 0.3 order = 1 mean = 1 std = 0.3 n_realizations = 3 /\n"
-    )
-    (tmp_path / "scene.nml").write_text(scene)
-    said = " ".join(entroslip("check", "scene.nml").stdout.split())
-    assert "law p001: whole windows, redrawn until one is positive: about 1 a realization" in said
-    assert re.search(r"law p002: values of a window redrawn one at a time, in about \d+ sw", said)
-    windows = []
-    for n in (5, 10):
-        (tmp_path / "white.nml").write_text(
-            "&process correlation_length = 1e-6 order = 1 mean = 1 std = 0.5 sampler = 'exact'"
-            f" n_points = {n} n_realizations = 3 /\n"
-        )
-        said = " ".join(entroslip("check", "white.nml").stdout.split())
-        windows.append(float(re.search(r"positive: about ([\d.]+) a realization", said)[1]))
-    assert abs(windows[1] / windows[0] / 0.958**-5 - 1) < 0.01  # three digits are said
-    nothing_drawn = scene.replace("n_realizations = 3", "")
-    (tmp_path / "none.nml").write_text(nothing_drawn)
-    assert "exact law" not in entroslip("check", "none.nml").stdout

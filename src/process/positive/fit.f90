@@ -148,8 +148,7 @@ contains
 
    !> Checks a request without its fit: fails if a short search shows that there is no process. A
    !> process of order 1 with K(m) >= 0 is one of every order. If only a long search can tell, the
-   !> branch is 'open'. For the exact law the model has rough parameters for realizations, if they
-   !> are found soon.
+   !> branch is 'open'.
    subroutine predict_positive(request, seed, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -162,7 +161,7 @@ contains
       type(error_type), allocatable :: refusal
       real(wp) :: unused
       real(wp), allocatable :: state(:)
-      logical :: has_first_order, has_others, is_exact, is_feasible, is_inside
+      logical :: has_first_order, has_others, is_inside
 
       call fit_far_from_zero(request, model, is_inside)
       if (is_inside) return
@@ -170,7 +169,6 @@ contains
          call fit_near_zero(request, seed, model, error)
          return
       end if
-      is_exact = request%sampler == 'exact'
       one = request
       one%order = 1
       one%branch = 'nonnegative'
@@ -180,9 +178,8 @@ contains
          has_first_order = .not. allocated(refusal)
       end if
       ! with branch = 'nonnegative' some K(m) may be 0 at the maximum, which a short search can miss
-      is_feasible = has_first_order .and. request%branch /= 'nonnegative'
-      if (is_feasible .and. .not. is_exact) return
-      search%max_effort = quick_effort(merge(2, 1, is_exact))
+      if (has_first_order .and. request%branch /= 'nonnegative') return
+      search%max_effort = quick_effort(merge(2, 1, request%sampler == 'exact'))
       call follow_unconstrained(request, seed, search, error)
       if (allocated(error)) then
          ! the direct method has other signs left than those of the unconstrained process
@@ -200,13 +197,13 @@ contains
          if (allocated(error)) then
             if (.not. (search%is_exhausted() .or. has_first_order .or. has_others)) return
             deallocate (error)
-            if (.not. is_feasible) model%branch = 'open'
+            model%branch = 'open'
             return
          end if
       end if
       search%max_effort = huge(1.0_wp)
       call search%evaluate(search%point, state, is_inside)
-      if (is_exact .or. search%problem%decay > 0.0_wp) call describe_evaluation(search, model)
+      if (search%problem%decay > 0.0_wp) call describe_evaluation(search, model)
       one%method = 'autoregressive'   ! a rough answer
       one%branch = request%branch
       call compare_other_law(one, seed, model)
