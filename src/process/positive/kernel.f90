@@ -52,11 +52,7 @@ contains
 
       law = first_order_law(is_sequential=is_sequential, r=r, slack=slack, steepness=steepness, &
                             field=field)
-      if (r > 0.0_wp) then
-         call place_nodes(law, weights, log_factor, vector)
-      else
-         call place_alternating_nodes(law, weights, log_factor, vector)
-      end if
+      call place_nodes(law, weights, log_factor, vector)
       log_scale = maxval(log_factor)
       log_factor = log_factor - log_scale
       associate (x => law%nodes)
@@ -86,11 +82,13 @@ contains
          k = law%autocovariance(large)
          law%memory = abs(k(large))/max(abs(k(large - 1)), tiny(k))
       end if
-      log_perron = log(perron) + 2.0_wp*log_scale
-      if (.not. is_sequential) then
-         call compute_partition(law, log_perron)
-      else
+      log_perron = log(perron) + 2.0_wp*log_scale   ! ln Z per point
+      if (is_sequential) then
          call compute_acceptances(law, field + r*law%nodes, vector**2)
+      else   ! E[x_i dE/dx_i] = 1, E the exponent of the density
+         law%entropy = log_perron + 0.5_wp - 0.5_wp*field*law%mean - log(law%std)
+         if (r > 0.0_wp) law%lambda = exp(max(log_perron - log_sqrt_two_pi - &
+                                              0.5_wp*(field/slack)**2, log(tiny(1.0_wp))))
       end if
    end subroutine new_first_order_law
 
@@ -111,66 +109,55 @@ contains
       end if
    end function half_range_of
 
-   !> Places Gauss nodes for r > 0, dense enough for the width of the kernel; the mass left out is
-   !> below 1e-15. Computes ln of each node's factor in the kernel, beside exp(-r (x - y)^2/2), if
-   !> mu < 0 without exp(-(mu slack)^2/2); and for the sequential law ln of the root of the
-   !> stationary density.
+   !> Places Gauss nodes; the mass left out is below 1e-15. For r > 0 they are dense enough for the
+   !> width of the kernel, for r < 0 denser near 0, where every other value is. Computes ln of each
+   !> node's factor in the kernel, beside exp(-r (x - y)^2/2) or, for r < 0, exp(r x y); and for the
+   !> sequential law ln of the root of the stationary density.
    pure subroutine place_nodes(law, weights, log_factor, vector)
       type(first_order_law), intent(inout) :: law
       real(wp), allocatable, intent(out) :: weights(:), log_factor(:), vector(:)   !! (node)
-      integer, parameter :: fewest = 48
-      real(wp), parameter :: density = 1.8_wp   ! nodes per width of the kernel
-      real(wp), allocatable :: acceptance(:)
-      real(wp) :: field, high, low, mu, half_range
-      integer :: n
+      integer, parameter :: fewest(2) = [48, 128]            ! nodes for r > 0, r < 0
+      real(wp), parameter :: density(2) = [1.8_wp, 4.0_wp]   ! nodes per width of the kernel, per x
+      real(wp), parameter :: far = 45.0_wp                   ! -ln of the mass that is left out
+      real(wp), allocatable :: acceptance(:), c(:), t(:)
+      real(wp) :: half_range, high, low, mu, r, slack   ! r, slack: 0, 1 for r < 0
+      integer :: n, power
 
-      mu = 0.0_wp   ! where it is negative the kernel is not centred on it
-      if (law%field > 0.0_wp) mu = law%field/law%slack**merge(1, 2, law%is_sequential)
-      half_range = half_range_of(law)
-      low = max(mu - half_range, 0.0_wp)
-      high = mu + half_range
-      n = fewest + ceiling(density*(high - low)*sqrt(law%r))
-      allocate (law%nodes(n), weights(n))
-      call gauss_legendre(low, high, law%nodes, weights)
-      field = min(law%field, 0.0_wp)
-      associate (x => law%nodes)
-         log_factor = -0.25_wp*(law%slack*(x - mu))**2 &
-                      + 0.5_wp*field*merge(law%slack, 1.0_wp, law%is_sequential)*x
-         if (.not. law%is_sequential) return
-         acceptance = 0.5_wp*log_acceptance(law%field + law%r*x) + 0.25_wp*field**2
-         log_factor = log_factor - acceptance
-         vector = (1.0_wp + law%r)*(0.5_wp*field*x - 0.25_wp*law%slack*(x - mu)**2) + acceptance
-      end associate
-   end subroutine place_nodes
-
-   !> Places nodes for r < 0 as `place_nodes` does, denser near 0, where every other value is. The
-   !> factors stand beside exp(r x y), with phi(c)/Phi(c) for the acceptance at conditional mean c.
-   pure subroutine place_alternating_nodes(law, weights, log_factor, vector)
-      type(first_order_law), intent(inout) :: law
-      real(wp), allocatable, intent(out) :: weights(:), log_factor(:), vector(:)   !! (node)
-      integer, parameter :: n_nodes = 128
-      real(wp), parameter :: nodes_per_unit = 4.0_wp
-      real(wp), parameter :: far = 45.0_wp     ! -ln of the mass that is left out
-      real(wp), allocatable :: c(:), hazard(:), t(:)
-      real(wp) :: half_range
-      integer :: n
-
-      half_range = max(law%field, 0.0_wp)/law%steepness + beyond/sqrt(law%steepness)
-      if (law%field < 0.0_wp) half_range = min(half_range, -far/law%field)
-      n = n_nodes + ceiling(nodes_per_unit*min(half_range, 100.0_wp))
+      r = max(law%r, 0.0_wp)
+      slack = 1.0_wp
+      if (law%r > 0.0_wp) then
+         slack = law%slack
+         mu = max(law%field, 0.0_wp)/slack**merge(1, 2, law%is_sequential)
+         half_range = half_range_of(law)
+         low = max(mu - half_range, 0.0_wp)
+         high = mu + half_range
+         n = fewest(1) + ceiling(density(1)*(high - low)*sqrt(r))
+         power = 1
+      else
+         low = 0.0_wp
+         high = max(law%field, 0.0_wp)/law%steepness + beyond/sqrt(law%steepness)
+         if (law%field < 0.0_wp) high = min(high, -far/law%field)
+         n = fewest(2) + ceiling(density(2)*min(high, 100.0_wp))
+         power = 3
+      end if
       allocate (t(n), weights(n))
       call gauss_legendre(0.0_wp, 1.0_wp, t, weights)
-      law%nodes = half_range*t**3
-      weights = 3.0_wp*half_range*t**2*weights
-      log_factor = 0.5_wp*law%field*law%nodes - 0.25_wp*law%steepness*law%nodes**2
-      if (.not. law%is_sequential) return
-      c = law%field + law%r*law%nodes
-      hazard = 0.5_wp*merge(log(hazard_ratio(min(c, 0.0_wp))), &
-                            -0.5_wp*c**2 - log_sqrt_two_pi - log_acceptance(max(c, 0.0_wp)), &
-                            c < 0.0_wp)
-      vector = log_factor - hazard
-      log_factor = log_factor + hazard
-   end subroutine place_alternating_nodes
+      law%nodes = low + (high - low)*t**power
+      weights = power*(high - low)*t**(power - 1)*weights
+      associate (x => law%nodes, f => law%field)
+         if (.not. law%is_sequential) then
+            log_factor = 0.5_wp*f*x - 0.25_wp*merge(slack**2, law%steepness, law%r > 0.0_wp)*x**2
+            return
+         end if
+         c = f + law%r*x
+         acceptance = 0.5_wp*log_acceptance(c)
+         if (law%r < 0.0_wp) acceptance = -0.5_wp* &
+               merge(log(hazard_ratio(min(c, 0.0_wp))), &
+                     -0.5_wp*c**2 - log_sqrt_two_pi - log_acceptance(max(c, 0.0_wp)), c < 0.0_wp)
+         log_factor = slack*(0.5_wp*f*x - 0.25_wp*slack*x**2) - acceptance
+         vector = (1.0_wp + r)*(0.5_wp*f*x - 0.25_wp*slack*x**2) + acceptance
+      end associate
+   end subroutine place_nodes
 
    !> Finds the largest eigenvalue and its vector by power iteration, then by inverse iteration with
    !> shifts above the eigenvalue. Fails if the kernel is not finite.
@@ -229,22 +216,6 @@ contains
       law%l0 = dot_product(law%deviation, z(:, 1))/variance - 1.0_wp
       law%l1 = dot_product(z(:, 1), z(:, 1) - law%deviation)/dot_product(law%deviation, z(:, 1))
    end subroutine compute_sums
-
-   !> Computes Lambda and the entropy of the exact law, by E[x_i dE/dx_i] = 1, E the exponent of the
-   !> density.
-   pure subroutine compute_partition(law, log_perron)
-      type(first_order_law), intent(inout) :: law
-      real(wp), intent(in) :: log_perron
-      real(wp) :: psi   ! ln Z per point
-
-      psi = log_perron
-      if (law%r > 0.0_wp .and. law%field > 0.0_wp) &   ! the centre mu leaves out 0.5 mu f
-         psi = psi + 0.5_wp*(law%field/law%slack)**2
-      law%entropy = psi + 0.5_wp - 0.5_wp*law%field*law%mean - log(law%std)
-      if (law%r > 0.0_wp) &
-         law%lambda = exp(max(log_perron - log_sqrt_two_pi &
-                              - 0.5_wp*(min(law%field, 0.0_wp)/law%slack)**2, log(tiny(1.0_wp))))
-   end subroutine compute_partition
 
    !> Computes acceptances and entropy of the sequential law, E[ln sqrt(2 pi e) + ln alpha
    !> - c phi(c)/(2 alpha)].
