@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 
-from ..paper.printed import LEVELS
+from ..paper.printed import LEVELS, STUCK_HZ
 from ..processes import MAXIMUM_ENTROPY
 from ..results import Case
 from . import style
@@ -20,8 +20,13 @@ _DIFFERENCES = {"order_found": "order ", "mean": "mean ", "sampler": ""}
 
 def level_name(case: Case) -> str:
     """'variance 3.7 (low)', with the paper's name where it has one."""
-    name = LEVELS.get(case.variance)
+    name = _name_in_paper(case)
     return case.level + (f" ({name})" if name else "")
+
+
+def _name_in_paper(case: Case) -> str:
+    """'low' or 'high', of as many masses as the paper's; '' if it has no name."""
+    return LEVELS.get(case.variance, "") if case.n_dof == len(STUCK_HZ) else ""
 
 
 def of_processes(cases: Sequence[Case]) -> dict[str, tuple[str, style.Look]]:
@@ -59,7 +64,7 @@ def marks_of_levels(cases: Sequence[Case]) -> str:
     n_levels = len({case.strength for case in cases})
     if n_levels > _MOST_FILLINGS:
         return ", fuller and larger with the excitation"
-    return ", open at the low and full at the high excitation" if n_levels > 1 else ""
+    return ", open at the lower and full at the higher excitation" if n_levels > 1 else ""
 
 
 def by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
@@ -75,7 +80,7 @@ def by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
         look["markerfacecolor"] = (look["color"], rank)  # the smallest excitation open
         if len(levels) > _MOST_FILLINGS:
             look["markersize"] = _SMALLEST_MARK + rank * (_LARGEST_MARK - _SMALLEST_MARK)
-        name = LEVELS.get(case.variance, level_name(case))
+        name = _name_in_paper(case) or case.level
         rows.append((case, look, f"{of_process}, {name}"))
     return rows
 

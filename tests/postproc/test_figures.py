@@ -301,7 +301,7 @@ def test_every_level_of_the_force_has_marks_of_its_own(axes):
     assert [name.split(", ")[1] for name in drawn(axes)] == [f"variance {v:g}" for v in levels]
     told = [looks.marks_of_levels(cases[:n]) for n in (1, 2, 4)]
     assert told == [
-        "", ", open at the low and full at the high excitation",
+        "", ", open at the lower and full at the higher excitation",
         ", fuller and larger with the excitation",
     ]  # fmt: skip
 
