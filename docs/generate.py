@@ -47,6 +47,7 @@ MOTIONS["'sine'"] = BAREST.replace("variance = 41.1", "kind = 'sine' frequency =
 MOTIONS["'psd', 'file'"] = BAREST.replace("variance = 41.1", "kind = 'psd' psd = 'psd.txt'")
 MOTIONS["`deterministic`"] = BAREST.replace("n_samples = 25", "n_samples = 25 deterministic = t")
 MOTIONS["fewer than 25 samples"] = BAREST.replace("n_samples = 25", "n_samples = 2")
+MOTIONS["fewer than 25 samples, 'spectrum'"] = MOTIONS["'spectrum'"].replace("= 25 /", "= 2 /")
 HISTORY = MOTIONS["'history'"]
 MOTIONS["'history', several forces"] = HISTORY.replace("&chain n_dof = 2 /", FORCES)
 MOTIONS |= {
