@@ -18,7 +18,7 @@ from .results import Case, Results
 from .table import Table, value_with_error
 
 _MOST_COLUMNS = 12  # of a table over joints or modes; longer chains stand upright
-_MOST_ROWS = 12  # of a table among the first; a longer one stands at the end of the report
+_MOST_ROWS = 24  # of a table among the first; a longer one stands at the end of the report
 _STATISTICS = (  # dataset, title, factor into its unit
     ("slip_mean", "mean time in slip [%]", 100.0),
     ("slip_mean_time_error", "time-average error of the mean [%]", 100.0),
@@ -30,10 +30,10 @@ _STATISTICS = (  # dataset, title, factor into its unit
     ("pseudo_variance_mean_time_error", "its time-average error [m²]", 1.0),
 )
 _RATIOS = (  # dataset, title, factor into its unit, digits
-    ("band_ratio", "band ratio", 1.0, ".3f"),
-    ("band_ratio_low", "95 % from", 1.0, ".3f"),
-    ("band_ratio_high", "to", 1.0, ".3f"),
-    ("band_ratio_bias", "bias [%]", 100.0, ".1f"),
+    ("band_ratio", "band ratio", 1.0, ".4g"),
+    ("band_ratio_low", "band ratio, 95 % from", 1.0, ".4g"),
+    ("band_ratio_high", "band ratio, 95 % to", 1.0, ".4g"),
+    ("band_ratio_bias", "bias of the band ratio [%]", 100.0, ".1f"),
     ("band_ratio_time_error", "time-average error of the band ratio", 1.0, ".2g"),
 )
 _AUDITED = (
@@ -160,8 +160,8 @@ def table_slip(results: Results) -> Table:
             f" friction of std {min(STDS):g}, its row at 41.1 near deterministic friction."
         )
     header, body = _upright("joint", range(1, cases[0].n_joints + 1), rows, "time in slip [%]")
-    if not beside or len(rows) > _MOST_ROWS:
-        is_long = len(rows) > _MOST_ROWS
+    is_long = len(body) > _MOST_ROWS
+    if not beside or is_long:
         title = "Time in slip, deterministic friction [%]"
         return Table("slip", title, header, body, note, is_long, is_result=True)
     return Table("table_2", "Table 2. Time in slip [%]", header, body, note)
@@ -203,7 +203,7 @@ def table_joints(cases: Sequence[Case], quantity: joints.OfJoints) -> Table:
     title = f"{quantity.title[0].upper()}{quantity.title[1:]} of the joints [{quantity.unit}]"
     return Table(
         name, title, header, rows, f"{_ERRORS} {quantity.errors(cases)}.",
-        is_detail=len(cases) > _MOST_COLUMNS, is_result=True,
+        is_detail=len(cases) > _MOST_COLUMNS or len(rows) > _MOST_ROWS, is_result=True,
     )  # fmt: skip
 
 
@@ -266,7 +266,7 @@ def table_laws(results: Results) -> Table:
         rows.append(tuple(row))
     header = ["process", "law"]
     for name in ("mean", "std", "L0", "entropy"):
-        header += [name, "other law"]
+        header += [name, f"{name}, other law"]
     note = (
         "Rejection of one value at a time (sequential) and Eq. 25 on the positive orthant (exact)"
         " are two laws. Beside each value is that of the other law with the same a, b0 and mu, to"
@@ -320,7 +320,12 @@ def table_statistics(case: Case) -> Table:
     if case.has("band_ratio"):
         note += (
             " Those of pseudo-variances, and the interval of the band ratio, are Monte Carlo errors"
-            " alone; time-average errors stand beside them."
+            " alone"
+            + (
+                "; time-average errors stand beside them."
+                if case.has("band_ratio_time_error")
+                else ": time-average errors need 16 segments."
+            )
         )
     return Table(f"statistics_{case.name}", title, tuple(header), rows, note, is_detail=True)
 

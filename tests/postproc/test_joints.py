@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from entroslip import joints, open_results, tables
-from entroslip.figures import study_figures
+from entroslip.figures import looks, study_figures
 
 RING = """\
 &process correlation_length = 1.0 order = 2 mean = 0.3 std = 0.06 /
@@ -77,3 +77,13 @@ def test_spectra_along_the_structure_show_every_dof(results):
     assert mesh.get_array().shape == (4, results.cases[1].data.sizes["frequency"])
     assert mesh.get_array().max() == mesh.norm.vmax
     plt.close(picture)
+
+
+def test_many_joints_leave_the_beginning_of_the_report_to_the_figures(results_of_scene):
+    """Tables of 200 rows stood before the figures, under the paper's name of a variance."""
+    scene = RING.replace("n_dof = 4", "n_dof = 25").replace("n_samples = 25", "n_samples = 2")
+    long = open_results(results_of_scene(scene.replace("= 2 /", "= 2 deterministic = .true. /")))
+    found = {table.name: table for table in tables.of_chain(long)}
+    assert found["joints"].is_detail
+    assert found["slip"].is_detail
+    assert looks.level_name(long.cases[1]) == "variance 41.1"
