@@ -16,7 +16,7 @@ module driver_command_line
       'replay SCENE    one sample again, with its full history (--case, --sample)', &
       'estimate DATA   measured values to the process that explains them', &
       'template        print a complete commented scene']
-   !> Options, one row each; a part `command: ...` of a purpose holds for that command only.
+   !> Options, one row each.
    character(*), parameter :: options(*) = [character(76) :: &
       '--output FILE   file to write; run: default SCENE.h5 here; estimate: a scene', &
       '--fresh         run: discard what an earlier run of the scene left', &
@@ -29,8 +29,6 @@ module driver_command_line
       '--help          this text', &
       '--version       version, compiler, flags, libraries']
    integer, parameter :: text_column = 17
-   !> Commands that work on one rank.
-   character(*), parameter :: one_rank_commands(*) = [character(8) :: 'estimate', 'template']
    !> (option) Commands that accept it; --help and --version need no command.
    character(*), parameter :: commands_of_option(*) = [character(38) :: &
       'run, tradeoff, replay, estimate', 'run', 'run, check, tradeoff, replay', 'run', 'replay', &
@@ -44,7 +42,6 @@ module driver_command_line
       character(:), allocatable :: overrides(:)   !! --set options, `group%name=value`
       integer :: case_number = 0                  !! replay: case, from 1
       integer :: sample = 0                       !! replay: sample, from 1
-      character(:), allocatable :: subject        !! help: command that it describes
       logical, private :: is_given(size(options)) = .false.
    contains
       procedure :: has
@@ -75,9 +72,6 @@ contains
          else if (allocated(value) .and. any(word == names_in(options))) then
             call raise(error, exit_bad_input, word//' takes no value')
          else if (word == '--help' .or. word == '-h' .or. word == 'help' .and. i == 1) then
-            if (.not. allocated(line%command)) line%command = argument(i + 1)   ! or ''
-            if (any(names_in(commands) == line%command)) &
-               call move_alloc(line%command, line%subject)
             line%command = 'help'
             return
          else if (word == '--version' .or. word == 'version' .and. i == 1) then
@@ -213,65 +207,11 @@ contains
       accepts = index(', '//trim(commands_of_option(i))//',', ', '//command//',') > 0
    end function accepts
 
-   !> Help on one command: its purpose and options.
-   pure function command_help(command) result(text)
-      character(*), intent(in) :: command
-      character(:), allocatable :: text
-      character, parameter :: nl = new_line('a')
-      integer :: i
-
-      text = ''
-      do i = 1, size(commands)
-         if (names_in(commands(i)) /= command) cycle
-         text = 'usage: '
-         if (all(command /= one_rank_commands)) text = text//'[mpirun -n RANKS] '
-         text = text//'entroslip '//trim(commands(i) (:text_column - 1))//' [options]'//nl//nl// &
-                trim(commands(i) (text_column:))//nl//nl
-      end do
-      do i = 1, size(options)
-         if (accepts(command, i)) &
-            text = text//'  '//options(i) (:text_column - 1)//purpose_for(command, options(i))//nl
-      end do
-      text = text//nl// &
-             'entroslip --help: all commands, and exit codes; docs/scene.md: all of a scene'
-   end function command_help
-
-   !> Purpose of an option, without the parts that hold for other commands.
-   pure function purpose_for(command, option) result(text)
-      character(*), intent(in) :: command, option
-      character(:), allocatable :: text, clause, rest
-      integer :: colon, last
-
-      text = ''
-      rest = trim(option(text_column:))//'; '
-      do while (len(rest) > 0)
-         last = index(rest, '; ')
-         clause = rest(:last - 1)
-         rest = rest(last + 2:)
-         colon = index(clause, ': ')
-         if (colon > 0) then
-            if (clause(:colon - 1) == command) then
-               clause = clause(colon + 2:)
-            else if (any(names_in(commands) == clause(:colon - 1))) then
-               cycle
-            end if
-         end if
-         if (text /= '') text = text//'; '
-         text = text//clause
-      end do
-   end function purpose_for
-
-   !> Help on a command, else general help: 23 lines of at most 80 columns, one screen of a
-   !> terminal.
-   pure function help_text(command) result(text)
-      character(*), intent(in), optional :: command
+   !> Help: 23 lines of at most 80 columns, one screen of a terminal.
+   pure function help_text() result(text)
       character(:), allocatable :: text
       character, parameter :: nl = new_line('a')
 
-      if (present(command)) then
-         text = command_help(command)
-         return
-      end if
       text = 'entroslip: maximum-entropy properties, and vibration held by friction'//nl// &
              'usage: [mpirun -n RANKS] entroslip COMMAND [SCENE] [options]'//nl//nl// &
              rows(commands)//nl//rows(options)//nl// &

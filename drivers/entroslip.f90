@@ -54,7 +54,7 @@ program entroslip
    case ('version')
       call say(version_text())
    case ('help')
-      call say(help_text(line%subject))
+      call say(help_text())
    end select
    call end_program(exit_done)
 

@@ -105,17 +105,3 @@ def test_laws_of_reference_are_named_in_the_results(entroslip, tmp_path):
         assert np.array_equal(one, np.repeat(one[:, :1], 3, axis=1))
         assert np.ptp(one[:, 0]) > 0.0
         assert np.ptp(file["campaign/c001/friction"][()], axis=1).min() > 0.0
-
-
-def test_help_of_a_command_names_its_options_alone(entroslip):
-    """--help after a command describes that command; before it, all commands."""
-    replay = entroslip("replay", "--help").stdout
-    assert "--sample" in replay
-    assert "--share" not in replay
-    assert entroslip("--help", "replay").stdout == replay
-    assert "complaints alone" in entroslip("check", "--help").stdout
-    assert "complaints alone" not in replay
-    estimate = entroslip("estimate", "--help").stdout
-    assert "file to write; a scene\n" in estimate
-    assert "mpirun" not in estimate
-    assert "estimate DATA" in entroslip("--help").stdout
