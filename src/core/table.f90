@@ -4,11 +4,12 @@ module core_table
    use core_complaints, only: blank_hint, complaint_list, printable
    use core_kinds, only: wp
    use core_source, only: byte_order_mark, read_source, source_type
-   use core_text, only: no_number, parse_real, to_text
+   use core_text, only: lowered, no_number, parse_real, to_text
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    implicit none(type, external)
    private
-   public :: data_line, heading_hint, next_word, parse_row, parse_rows, read_table, &
-             separate_commas, table_type, words_of
+   public :: data_line, heading_hint, next_word, parse_row, parse_rows, read_table, table_type, &
+             words_of
 
    character(*), parameter :: white = ' '//achar(9)//achar(13)
    character(*), parameter :: blanks = white//';'
@@ -64,7 +65,12 @@ contains
       allocate (table%value(most, n), table%n_columns(n), table%line(n))
       n_bad = 0
       do number = 1, source%n_lines()
-         call parse_row(data_line(source, number, marks), fewest, values, n, rule)
+         line = data_line(source, number, marks)
+         if (len(line) <= longest_line) then
+            call parse_row(line, fewest, values, n, rule)
+         else
+            rule = 'the line is too long'
+         end if
          if (allocated(rule)) then
             n_bad = n_bad + 1
             line = source%line(number)
@@ -74,7 +80,8 @@ contains
                                            heading_hint(line, rule, marks))
          else if (n > 0) then
             table%n_rows = table%n_rows + 1
-            table%value(:, table%n_rows) = values
+            table%value(:n, table%n_rows) = values(:n)
+            table%value(n + 1:, table%n_rows) = 0.0_wp
             table%n_columns(table%n_rows) = n
             table%line(table%n_rows) = number
          end if
@@ -100,12 +107,11 @@ contains
    end function data_line
 
    !> Replaces the commas that separate values by blanks. `rule` is allocated if a comma may be a
-   !> decimal one, as in 0,3, or if a value is missing; the place is then line(first:last).
-   pure subroutine separate_commas(line, first, last, rule)
+   !> decimal one, as in 0,3, or if a value is missing.
+   pure subroutine separate_commas(line, rule)
       character(:), allocatable, intent(inout) :: line
-      integer, intent(out) :: first, last
       character(:), allocatable, intent(out) :: rule
-      integer :: comma, i, n
+      integer :: comma, first, i, last, n
       logical :: is_empty, is_separator
 
       last = 0
@@ -128,8 +134,6 @@ contains
          if (index(white, line(i:i)) > 0) cycle
          is_separator = index(',;', line(i:i)) > 0
          if (is_separator .and. (is_empty .or. line(i:n) == ',')) then   ! only ; may end a row
-            first = max(1, i - 19)
-            last = i
             rule = no_value
             return
          end if
@@ -141,20 +145,19 @@ contains
    end subroutine separate_commas
 
    !> Reads the n values of a line; `rule` is allocated if the line is bad.
-   pure subroutine parse_row(line, fewest, values, n, rule)
+   pure subroutine parse_row(line, fewest, values, n, rule, has_gaps)
       character(*), intent(in) :: line
       integer, intent(in) :: fewest
-      real(wp), intent(out) :: values(:)
+      real(wp), intent(inout) :: values(:)   !! the first n are set
       integer, intent(out) :: n
       character(:), allocatable, intent(out) :: rule
+      logical, intent(in), optional :: has_gaps   !! true: `nan` is a value
       character(:), allocatable :: text
       integer :: first, last
 
-      values = 0.0_wp
       n = 0
-      if (len(line) > longest_line) rule = 'the line is too long'
       text = line
-      if (.not. allocated(rule)) call separate_commas(text, first, last, rule)
+      call separate_commas(text, rule)
       last = 0
       do while (.not. allocated(rule))
          call next_word(text, first, last)
@@ -164,7 +167,13 @@ contains
             rule = 'must be '//number_of_values(fewest, size(values))
          else
             call parse_real(text(first:last), values(n), rule)
-            if (allocated(rule)) rule = rule//blank_hint(text(first:last))
+            if (.not. allocated(rule)) cycle
+            if (present(has_gaps) .and. lowered(text(first:last)) == 'nan') then
+               values(n) = ieee_value(values(n), ieee_quiet_nan)
+               deallocate (rule)
+            else
+               rule = rule//blank_hint(text(first:last))
+            end if
          end if
       end do
       if (n > 0 .and. n < fewest .and. .not. allocated(rule)) &

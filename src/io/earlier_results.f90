@@ -51,7 +51,7 @@ contains
       call file%abandon()
    end subroutine refuse_replacement
 
-   !> Opens a file that may be the results of this program; refuses another one, and a truncated one.
+   !> Opens a results file; refuses a truncated one, and a file of another format.
    subroutine open_results(path, file, error)
       character(*), intent(in) :: path
       type(hdf5_file), intent(out) :: file

@@ -132,5 +132,3 @@ def test_processes_that_differ_in_scale_share_a_fit_and_its_bits(entroslip, tmp_
             assert np.array_equal(second[name][()], only[name][()]), name
         assert np.array_equal(first["a"][()], second["a"][()])
         assert second["mu"][()] == 2.0 * first["mu"][()]
-
-
