@@ -251,22 +251,21 @@ contains
       end do
    end subroutine fit_columns
 
-   !> Computes -2 ln L of Eq. (1) for each trial and column, with its mean and variance. For many
-   !> pieces y of a group the sum of y' S^-1 y is the trace of S^-1 (sum of y y').
+   !> Computes -2 ln L of Eq. (1) for each trial and column, with its mean and variance. The sum of
+   !> y' S^-1 y over the pieces y of a group is the trace of S^-1 (sum of y y').
    subroutine find_deviances(values, groups, trials, deviance, mean, variance, error)
       real(wp), intent(in) :: values(:, :)       !! (value, column)
       type(piece_group), intent(in) :: groups(:)
       type(trial_type), intent(in) :: trials(:)
       real(wp), intent(out) :: deviance(:, :), mean(:, :), variance(:, :)   !! (trial, column)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: s(:, :), y(:, :), solved(:, :)
+      real(wp), allocatable :: inverse(:, :), s(:, :), y(:, :)
       real(wp), allocatable :: inverses(:, :), moments(:, :)   ! S^-1 (entry, trial), sum of y y'
       real(wp), allocatable :: inverse_sums(:, :), value_sums(:, :)   ! S^-1 1, sum of y
       real(wp), dimension(size(trials), size(values, 2)) :: one_group, products, squares
       real(wp), dimension(size(trials)) :: ln_det, ones
       real(wp) :: origin
       integer :: c, column, i, k, n
-      logical :: are_many
 
       n = size(values, 2)
       origin = values(1, 1)   ! near the mean, against cancellation
@@ -278,38 +277,26 @@ contains
          associate (m => size(groups(i)%point), row => groups(i)%row)
             allocate (inverse_sums(m, size(trials)), value_sums(m, n), &
                       inverses(m*m, size(trials)), moments(m*m, n))
-            are_many = size(row)*n > 2*m
             do column = 1, n
                y = reshape([(values(row(k) + 1:row(k) + m, column) - origin, k=1, size(row))], &
                            [m, size(row)])
                value_sums(:, column) = sum(y, 2)
-               if (are_many) moments(:, column) = reshape(matmul(y, transpose(y)), [m*m])
+               moments(:, column) = reshape(matmul(y, transpose(y)), [m*m])
             end do
-            y = unit_matrix(m)
-            if (.not. are_many) &
-               y = reshape([((values(row(k) + 1:row(k) + m, column) - origin, k=1, size(row)), &
-                             column=1, n)], [m, size(row)*n])
             do c = 1, size(trials)
                s = correlation_matrix(groups(i)%point, trials(c)%correlation)
-               solved = reshape([y, spread(1.0_wp, 1, m)], [m, size(y, 2) + 1])
-               call solve_positive_definite(s, solved, error)   ! leaves its Cholesky factor in s
+               inverse = unit_matrix(m)
+               call solve_positive_definite(s, inverse, error)   ! leaves its Cholesky factor in s
                if (allocated(error)) return
-               inverse_sums(:, c) = solved(:, size(solved, 2))
+               inverses(:, c) = reshape(inverse, [m*m])
+               inverse_sums(:, c) = sum(inverse, 2)
                ln_det(c) = ln_det(c) + 2.0_wp*size(row)*sum([(log(s(k, k)), k=1, m)])
-               ones(c) = ones(c) + size(row)*sum(inverse_sums(:, c))
-               if (are_many) then
-                  inverses(:, c) = reshape(solved, [m*m])
-               else
-                  squares(c, :) = squares(c, :) + sum(reshape(y*solved(:, :size(y, 2)), &
-                                                              [m*size(row), n]), 1)
-               end if
+               ones(c) = ones(c) + size(row)*sum(inverse)
             end do
             call multiply(inverse_sums, value_sums, one_group, transposes_a=.true.)
             products = products + one_group
-            if (are_many) then
-               call multiply(inverses, moments, one_group, transposes_a=.true.)
-               squares = squares + one_group
-            end if
+            call multiply(inverses, moments, one_group, transposes_a=.true.)
+            squares = squares + one_group
             deallocate (inverse_sums, inverses, moments, value_sums)
          end associate
       end do
