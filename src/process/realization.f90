@@ -19,7 +19,7 @@ module process_realization
    use process_autoregressive_spectral_factor, only: symbol_of_process
    use process_model, only: process_model_type
    use process_positive_exact, only: draw_window, sweeps_to_forget
-   use process_positive_sequential, only: march_chains, march_sequential
+   use process_positive_sequential, only: march_chains
    use process_positive_truncated_normal, only: draw_truncated, lanes, log_acceptance
    use process_reference, only: draw_reference, is_reference
    implicit none(type, external)
@@ -37,6 +37,7 @@ contains
       type(process_model_type), intent(in) :: model   !! solved
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)              !! (point) [unit of X]
+      real(wp) :: chain(1, size(values))
 
       if (.not. model%is_solved) error stop 'draw_points: the process is not solved'
       if (is_reference(model%request)) then
@@ -56,9 +57,8 @@ contains
          call draw_window(model%g, model%mu*(model%g(0) + 2.0_wp*sum(model%g(1:))), model%mean, &
                           model%memory, sweeps_of(model), stream, values)
       else if (is_sequential(model)) then
-         call march_sequential(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), &
-                               model%mean/model%b0, model%memory, stream, values)
-         values = model%b0*values
+         call draw_sequential(model, stream, chain)
+         values = chain(1, :)
       else
          call draw_exact(model, stream, values)
       end if
@@ -72,13 +72,21 @@ contains
       real(wp), intent(out) :: values(:, :)           !! (chain, point) n_chains_of [unit of X]
 
       if (is_sequential(model)) then
-         call march_chains(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), &
-                           model%mean/model%b0, model%memory, stream, values)
-         values = model%b0*values
+         call draw_sequential(model, stream, values)
       else
          call draw_points(model, stream, values(1, :))
       end if
    end subroutine draw_chains
+
+   subroutine draw_sequential(model, stream, values)
+      type(process_model_type), intent(in) :: model
+      type(stream_type), intent(inout) :: stream
+      real(wp), intent(out) :: values(:, :)   !! (chain, point)
+
+      call march_chains(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), model%mean/model%b0, &
+                        model%memory, stream, values)
+      values = model%b0*values
+   end subroutine draw_sequential
 
    !> Number of realizations that draw_chains draws; 1 unless the sampler is sequential.
    pure integer function n_chains_of(model)

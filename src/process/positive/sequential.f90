@@ -11,7 +11,7 @@ module process_positive_sequential
       draw_truncated_lanes, lanes, scale_below, truncated_variance
    implicit none(type, external)
    private
-   public :: memory_of, march_chains, march_sequential, sample_sequential
+   public :: memory_of, march_chains, sample_sequential
 
    integer, parameter :: block_steps = 128   !! steps that are marched at once
    integer, parameter :: product_steps = 8   !! steps whose acceptances share one logarithm
@@ -112,47 +112,31 @@ contains
       end do
    end subroutine march_block
 
-   !> Draws consecutive values of one chain, after its burn-in [b0].
-   subroutine march_sequential(a, offset, start, n_burn_in, stream, values)
-      real(wp), intent(in) :: a(:), offset
-      real(wp), intent(in) :: start         !! the chain's past, near the mean [b0]
-      integer, intent(in) :: n_burn_in
-      type(stream_type), intent(inout) :: stream
-      real(wp), intent(out) :: values(:)
-      real(wp), allocatable :: u(:), x(:)
-      real(wp) :: factor, hazard
-      integer :: n
-
-      allocate (u(n_burn_in + size(values)), x(1 - size(a):n_burn_in + size(values)))
-      call stream%uniforms(u)
-      x(:0) = start
-      do n = 1, size(u)
-         call draw_truncated(offset - dot_product(a, x(n - 1:n - size(a):-1)), u(n), x(n), hazard, &
-                             factor)
-      end do
-      values = x(n_burn_in + 1:)
-   end subroutine march_sequential
-
-   !> Draws consecutive values of independent chains side by side, after their burn-in [b0].
+   !> Draws consecutive values of independent chains side by side, after their burn-in [b0]. The
+   !> first values do not depend on the number of steps.
    subroutine march_chains(a, offset, start, n_burn_in, stream, values)
       real(wp), intent(in) :: a(:), offset
       real(wp), intent(in) :: start           !! each chain's past, near the mean [b0]
       integer, intent(in) :: n_burn_in
       type(stream_type), intent(inout) :: stream
-      real(wp), intent(out) :: values(:, :)   !! (lane, step), `lanes` of them
-      real(wp), allocatable :: x(:, :)
-      real(wp) :: c(lanes), factor(lanes), hazard(lanes), u(lanes)
-      integer :: n, q
+      real(wp), intent(out) :: values(:, :)   !! (chain, step): fastest for `lanes` chains
+      real(wp), allocatable :: u(:), x(:, :)
+      real(wp), dimension(size(values, 1)) :: c, factor, hazard
+      integer :: n, n_steps
 
-      allocate (x(lanes, 1 - size(a):n_burn_in + size(values, 2)))
+      n_steps = n_burn_in + size(values, 2)
+      allocate (u(size(c)*n_steps), x(size(c), 1 - size(a):n_steps))
+      call stream%uniforms(u)
       x(:, :0) = start
-      do n = 1, ubound(x, 2)
-         c = offset
-         do q = 1, size(a)
-            c = c - a(q)*x(:, n - q)
-         end do
-         call stream%uniforms(u)
-         call draw_truncated_lanes(c, u, x(:, n), hazard, factor)
+      do n = 1, n_steps
+         c = offset - matmul(x(:, n - 1:n - size(a):-1), a)
+         associate (now => u(size(c)*(n - 1) + 1:size(c)*n))
+            if (size(c) == lanes) then
+               call draw_truncated_lanes(c, now, x(:, n), hazard, factor)
+            else
+               call draw_truncated(c, now, x(:, n), hazard, factor)
+            end if
+         end associate
       end do
       values = x(:, n_burn_in + 1:)
    end subroutine march_chains
