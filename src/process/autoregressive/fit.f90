@@ -107,7 +107,7 @@ contains
    end function advice
 
    !> Reflection coefficients of the maximum with K(m) >= 0 for both lengths, of the highest order
-   !> below that of the request that has one; empty if there is none.
+   !> up to that of the request that has one; empty if there is none.
    function nonnegative_reflection(request) result(kappa)
       type(process_request), intent(in) :: request
       real(wp), allocatable :: kappa(:)
@@ -116,13 +116,12 @@ contains
       type(error_type), allocatable :: error
 
       lower = request
-      do
-         lower%order = lower%order - 1
-         if (lower%order < 2) exit
+      do while (lower%order >= 2)
          call optimal_reflection(lower, kappa, error)
          if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
          if (allocated(error)) exit
          if (sums%is_nonnegative .and. length_error_of(lower, sums) <= length_tolerance) return
+         lower%order = lower%order - 1
       end do
       kappa = [real(wp) ::]
    end function nonnegative_reflection

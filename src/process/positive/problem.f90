@@ -42,7 +42,8 @@ module process_positive_problem
 contains
 
    !> Makes the problem of a request. Fails if the unconstrained process does, and if more lags
-   !> count than a search can carry in a minute or two.
+   !> count than a search can carry in a minute or two. The companion of both lengths is that of the
+   !> highest order that has both with K(m) >= 0, if there is one.
    subroutine new_problem(request, stream, problem, error, decay, sequence)
       type(process_request), intent(in) :: request
       type(stream_type), intent(in) :: stream
@@ -60,12 +61,18 @@ contains
 
       problem%request = request
       problem%is_exact = request%sampler == 'exact'
+      allocate (kappa(0))
+      if (request%correlation == 'both') kappa = nonnegative_reflection(request)
       if (present(sequence)) then
          call describe_ar(sequence%a, 1.0_wp, unconstrained, error)
+      else if (size(kappa) > 0) then
+         call describe_ar(coefficients_of(kappa), 1.0_wp, unconstrained, error)
       else
          call fit_unconstrained(request, unconstrained, error)
+         if (request%correlation == 'both' .and. request%branch == 'nonnegative' .and. &
+             .not. allocated(error)) call raise(error, exit_no_solution, positive_name(request)// &
+                              ': no order up to this one has both lengths with K(m) >= 0')
       end if
-      if (request%correlation == 'both') call take_lower_order(request, unconstrained, error)
       if (allocated(error)) return
       kappa = reflection_of(unconstrained%a)
       call sum_correlation(kappa, sums, error)
@@ -112,29 +119,5 @@ contains
       is_out_of_reach = problem%n_lags > most_lags(merge(2, 1, problem%is_exact)) .or. &
                         problem%is_exact .and. problem%l0 > longest
    end function is_out_of_reach
-
-   !> Replaces the companion of both lengths, if it has K(m) < 0 or was not found, by that of the
-   !> highest lower order that has both with K(m) >= 0.
-   subroutine take_lower_order(request, model, error)
-      type(process_request), intent(in) :: request
-      type(process_model_type), intent(inout) :: model
-      type(error_type), allocatable, intent(inout) :: error   !! in: of the wanted order
-      real(wp), parameter :: zero = 1.0e-9_wp   ! K(m)/K(0) that counts as 0
-      real(wp), allocatable :: kappa(:)
-
-      if (allocated(error)) then
-         if (error%exit_code /= exit_no_solution) return
-      else if (all(model%autocovariance >= -zero*model%autocovariance(0))) then
-         return
-      end if
-      kappa = nonnegative_reflection(request)
-      if (size(kappa) > 0) then
-         if (allocated(error)) deallocate (error)
-         call describe_ar(coefficients_of(kappa), 1.0_wp, model, error)
-      else if (request%branch == 'nonnegative' .and. .not. allocated(error)) then
-         call raise(error, exit_no_solution, positive_name(request)// &
-                    ': no order up to this one has both lengths with K(m) >= 0')
-      end if
-   end subroutine take_lower_order
 
 end module process_positive_problem
