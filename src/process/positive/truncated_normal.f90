@@ -177,30 +177,25 @@ contains
    end function hazard_ratio
 
    !> Computes mean and variance of the truncated law in units of b and b^2, to 1e-10 relatively.
+   !> Far below 0, where 1/hazard = 1/(x + 1/(x + 2/(x + ...))) at x = -c, nothing cancels.
    elemental subroutine relative_moments(c, mean, variance)
       real(wp), intent(in) :: c
       real(wp), intent(out) :: mean, variance
-      real(wp), parameter :: far = -20.0_wp   ! below it the differences cancel
-      ! asymptotic series of the Mills ratio; the variance is the derivative of the mean by c
-      real(wp), parameter :: series(0:7) = &
-         [1.0_wp, -2.0_wp, 10.0_wp, -74.0_wp, 706.0_wp, -8162.0_wp, 110410.0_wp, -1708394.0_wp]
-      real(wp) :: hazard, power, t
+      real(wp), parameter :: far = -20.0_wp
+      integer, parameter :: n_fractions = 16
+      real(wp) :: rest
       integer :: k
 
       if (c > far) then
-         hazard = hazard_ratio(c)
-         mean = c + hazard
-         variance = 1.0_wp - hazard*mean
+         mean = c + hazard_ratio(c)
+         variance = 1.0_wp - (mean - c)*mean
       else
-         t = 1.0_wp/c**2
-         power = 1.0_wp
-         mean = 0.0_wp
-         variance = 0.0_wp
-         do k = 0, ubound(series, 1)
-            mean = mean - series(k)*power/c
-            variance = variance + (2*k + 1)*series(k)*power*t
-            power = power*t
+         rest = 0.0_wp
+         do k = n_fractions, 2, -1
+            rest = k/(rest - c)
          end do
+         mean = 1.0_wp/(rest - c)
+         variance = mean*(rest - mean)
       end if
    end subroutine relative_moments
 
