@@ -78,9 +78,9 @@ def _bracketed(value: float, error: float) -> str:
     if not np.isfinite(value):
         return "-"
     if not (error > 0.0 and np.isfinite(error)):
-        return f"{value:.6g}"
+        return f"{value:.6g}".replace("e-0", "e-")
     if error < 0.5 * abs(value) * 10.0**-_SHOWN:
-        return f"{value:#.{_SHOWN}g}"
+        return f"{value:#.{_SHOWN}g}".replace("e-0", "e-")
     digits = 1 - int(np.floor(np.log10(error)))
     size = max(abs(value), error)
     if digits > _MOST_BEHIND or size < _LEAST_PLAIN:

@@ -35,6 +35,7 @@ def apply_style(*others: str) -> None:
             "font.size": 10,
             "axes.grid": True,
             "axes.axisbelow": True,
+            "axes.formatter.limits": (-3, 6),  # powers of ten: 0.00015 and its neighbour would meet
             "grid.color": "0.9",
             "grid.linewidth": 0.6,
             "axes.spines.top": False,

@@ -293,6 +293,7 @@ def test_rounded_numbers_have_no_power_of_ten_where_none_is_needed():
 def test_values_carry_their_errors():
     assert value_with_error(1.00023, 0.00041) == "1.00023(41)"
     assert value_with_error(0.3, 0.0) == "0.3"
+    assert value_with_error(1.58e-7, 0.0) == "1.58e-7"
     assert value_with_error(123.0, 20.0) == "123(20)"
     assert value_with_error(float("nan"), 1.0) == "-"
     assert value_with_error(1.0, 3.4e-9) == "1.000000"  # an error that is not seen
