@@ -24,6 +24,7 @@ from .scene import Joint, SceneOptions, load_of, read_process, stuck, write_scen
 
 _SHOWN = 10  # frequencies
 _RIGHT = 0.01  # relative error of a frequency
+_DEFAULT = "default: %(default)s"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -61,6 +62,8 @@ def _described(whole: Pair, pair: Pair, joints: Sequence[Joint], n_rigid: int) -
     lines.append(f"rigid modes without joints: {n_rigid}")
     lines.append(f"frequencies without joints [Hz]: {_listed(frequencies(pair, _SHOWN))}")
     if joints:
+        if any(joint.stiffness is None for joint in joints):
+            lines.append("stiffness of the joints: an example, that of K at their dofs")
         held = frequencies(stuck(pair, joints), _SHOWN)
         lines.append(f"frequencies with all joints stuck [Hz]: {_listed(held)}")
     return lines
@@ -159,18 +162,18 @@ def _parser() -> Parser:
     add.set_defaults(make=_imported)
     ring = commands.add_parser("ring", help="blades on a disk, each coupled to its neighbours")
     ring.add_argument("--blades", type=int, required=True)
-    ring.add_argument("--blade-mass", type=_positive, default=1.0)
-    ring.add_argument("--blade-stiffness", type=_positive, default=25.0, help="the mean")
+    ring.add_argument("--blade-mass", type=_positive, default=1.0, help=_DEFAULT)
+    ring.add_argument("--blade-stiffness", type=_positive, default=25.0, help=f"mean; {_DEFAULT}")
     ring.add_argument("--scatter", type=_not_negative, default=0.0, help="std over mean of it")
     ring.add_argument("--seed", type=int, default=1, help="of the scatter")
-    ring.add_argument("--coupling", type=_not_negative, default=5.0, help="between neighbours")
+    ring.add_argument("--coupling", type=_not_negative, default=5.0, help=_DEFAULT)
     ring.add_argument("--joints", choices=("ground", "blades", "both"), default="ground")
     _add_common(ring, stiffness=50.0)
     ring.set_defaults(make=_ring)
     chain = commands.add_parser("chain", help="the paper's chain with any number of masses")
     chain.add_argument("--masses", type=int, required=True)
-    chain.add_argument("--mass", type=_positive, default=1.0)
-    chain.add_argument("--coupling", type=_not_negative, default=25.0)
+    chain.add_argument("--mass", type=_positive, default=1.0, help=_DEFAULT)
+    chain.add_argument("--coupling", type=_not_negative, default=25.0, help=_DEFAULT)
     _add_common(chain, stiffness=50.0)
     chain.set_defaults(make=_chain)
     return parser
@@ -184,9 +187,10 @@ def _add_common(
     add("--out", type=Path, metavar="FOLDER", help="what is written; without it: checks alone")
     add("--replace", action="store_true", help="write over the files of FOLDER, joints.txt too")
     add("--title", default="", help="of the scene; default: the folder's name")
-    add("--joint-stiffness", type=_positive, default=stiffness, help="in every line of joints.txt")
-    add("--normal-load", type=_not_negative, default=10.0, help="likewise")
-    add("--friction", type=_not_negative, default=0.2, help="likewise")
+    add("--joint-stiffness", type=_positive, default=stiffness,
+        help=f"in each line of joints.txt; default: {stiffness or 'K at its dof'}")  # fmt: skip
+    add("--normal-load", type=_not_negative, default=10.0, help=f"likewise; {_DEFAULT}")
+    add("--friction", type=_not_negative, default=0.2, help=f"likewise; {_DEFAULT}")
     add("--process", type=Path, metavar="FILE",
         help="a scene whose &process is taken, as estimate writes it")  # fmt: skip
     add("--force", action="append", default=[], type=_factor, metavar="DOF[=FACTOR]",
