@@ -18,7 +18,9 @@ module core_random
       integer(long) :: key(2) = 0      !! words of 32 bits
       integer(long) :: sample(2) = 0   !! words of 32 bits: upper half of the counter
       integer(long) :: position = 0    !! lower half of the counter: Philox blocks already used
+      real(wp), allocatable :: kept(:)   !! first numbers of the stream, see `restart`
    contains
+      procedure :: restart
       procedure :: uniforms
       procedure :: normals
    end type stream_type
@@ -44,6 +46,23 @@ contains
       stream%sample = words_of(int(sample, long))
    end function new_stream
 
+   !> Moves to the beginning of the stream, whose first n numbers are kept and not computed again.
+   pure subroutine restart(self, n)
+      class(stream_type), intent(inout) :: self
+      integer, intent(in) :: n
+      real(wp), allocatable :: first(:)
+
+      self%position = 0
+      if (allocated(self%kept)) then
+         if (size(self%kept) >= n) return
+         deallocate (self%kept)
+      end if
+      allocate (first(n))
+      call self%uniforms(first)
+      call move_alloc(first, self%kept)
+      self%position = 0
+   end subroutine restart
+
    !> Draws the next numbers, uniform on the open interval (0, 1), 53 bits each. Two numbers share a
    !> Philox block; an odd request leaves the second one unused.
    pure subroutine uniforms(self, values)
@@ -54,6 +73,15 @@ contains
       real(wp) :: block(width)
       integer :: first, last, i
 
+      if (allocated(self%kept)) then
+         associate (n_used => 2*self%position, n => size(values))
+            if (n_used + n <= size(self%kept)) then
+               values = self%kept(n_used + 1:n_used + n)
+               self%position = self%position + (n + 1)/2
+               return
+            end if
+         end associate
+      end if
       do first = 1, size(values), width
          last = min(first + width - 1, size(values))
          do i = 1, width/2

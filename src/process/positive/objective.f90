@@ -5,7 +5,6 @@
 !> same random numbers, so that the function is smooth. Everything is in units of b0.
 module process_positive_objective
    use core_kinds, only: wp
-   use core_random, only: stream_type
    use numerics_constrained_maximum, only: objective_type
    use process_autoregressive_model, only: reflection_of
    use process_correlation, only: constraint_weights
@@ -180,19 +179,22 @@ contains
    !> weighted by what the order and the single lags make them cost.
    subroutine simulate(self)
       class(sampled_objective), intent(inout) :: self
-      type(stream_type) :: stream
+      integer, parameter :: most_kept = 2**20   ! random numbers: 8 MB
       integer :: n, n_values   ! steps or sweeps of a batch; values of a lane
 
-      associate (problem => self%problem, last => self%last)
-         stream = problem%stream
+      associate (problem => self%problem, last => self%last, stream => self%problem%stream)
          if (problem%is_exact) then
             n = max(self%n_steps/ring_length(self), 2)
             n_values = (self%n_burn_in + n_batches/lanes*n)*ring_length(self)
-            call sample_exact(last%g, last%field, problem%companion, self%centre, &
-                              ring_length(self), self%n_burn_in, n, stream, last%batches)
          else
             n = max(self%n_steps, problem%n_lags)
             n_values = self%n_burn_in + n_batches/lanes*n
+         end if
+         call stream%restart(min(lanes*n_values, most_kept))
+         if (problem%is_exact) then
+            call sample_exact(last%g, last%field, problem%companion, self%centre, &
+                              ring_length(self), self%n_burn_in, n, stream, last%batches)
+         else
             call sample_sequential(last%a, last%field, problem%companion, self%centre, &
                                    self%n_burn_in, n, stream, last%batches)
          end if
@@ -282,12 +284,11 @@ contains
    subroutine find_entropy(self)
       class(sampled_objective), intent(inout) :: self
       integer, parameter :: most_steps = 8192   ! steps of a batch at each node of `log_partition`
-      type(stream_type) :: stream
       real(wp) :: psi   ! ln Z per point
 
       if (.not. self%problem%is_exact) return
-      stream = self%problem%stream
-      associate (last => self%last, moments => self%last%moments)
+      associate (last => self%last, moments => self%last%moments, stream => self%problem%stream)
+         call stream%restart(0)
          call log_partition(last%g, last%field, ring_length(self), self%n_burn_in, &
                             max(min(self%n_steps, most_steps)/ring_length(self), 2), stream, &
                             psi, self%psi_error)
