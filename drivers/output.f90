@@ -342,8 +342,8 @@ contains
       if (.not. self%is_quiet) call say_line(text)
    end subroutine say
 
-   !> Unlocks the output and ends the run if any rank has an error. If another run has taken the
-   !> output, reports that as the cause. Collective.
+   !> Unlocks the output and ends the run if any rank has an error; leaves no empty store. If another
+   !> run has taken the output, reports that as the cause. Collective.
    subroutine stop_on(self, error)
       class(output_type), intent(inout) :: self
       type(error_type), allocatable, intent(in) :: error
@@ -351,6 +351,8 @@ contains
 
       if (.not. self%world%any_true(allocated(error))) return
       call self%lock%check_ownership(reason)
+      if (self%lock%is_held() .and. .not. (allocated(reason) .or. self%is_shared)) &
+         call remove_file(self%store%folder, ignored)   ! unless it has files
       if (allocated(error) .and. .not. allocated(reason)) reason = error
       call self%lock%release(ignored)
       call self%world%stop_on(reason)

@@ -6,7 +6,7 @@ module config_scene
    use config_text_reader, only: reader_type
    use core_complaints, only: complaint_list
    use core_source, only: read_source, source_type
-   use core_text, only: nearest_name, to_text
+   use core_text, only: suggestion, to_text
    use structure_model, only: most_dofs
    implicit none(type, external)
    private
@@ -71,7 +71,6 @@ contains
       type(reader_type), intent(inout) :: reader
       logical, intent(out) :: has_unknown   !! true if there is an unknown group
       character(:), allocatable :: rule
-      character(len(group_names)) :: nearest
       integer :: i, first
 
       has_unknown = .false.
@@ -80,9 +79,7 @@ contains
             first = reader%find_group(group%name)
             if (all(group_names /= group%name)) then
                has_unknown = .true.
-               rule = 'unknown group'
-               nearest = nearest_name(trim(group%name), group_names)
-               if (nearest /= '') rule = rule//', did you mean &'//trim(nearest)//'?'
+               rule = 'unknown group'//suggestion('&'//trim(group%name), '&'//group_names)
             else if (first < i .and. group%name /= 'process') then
                rule = 'the group is there twice, first on line '// &
                       to_text(reader%groups(first)%place%line)

@@ -99,11 +99,11 @@ contains
       character(*), parameter :: not_closed = 'the group is not closed by /'
       type(token_type) :: group, token
       character(:), allocatable :: rule
-      integer :: i, last_outside
-      logical :: is_open
+      integer :: i
+      logical :: is_open, is_reported   ! is_reported: words outside of groups
 
       is_open = .false.
-      last_outside = 0
+      is_reported = .false.
       i = 1
       do while (i <= size(document%tokens))
          token = document%tokens(i)
@@ -116,14 +116,15 @@ contains
             call document%add_group(token)
             group = token
             is_open = .true.
+            is_reported = .false.
          else if (.not. is_open) then
             rule = document%rule_on(token, 'stands outside of every group')
             associate (before => document%tokens(max(i - 1, 1)))
                if (before%kind == token_end .and. before%last == token%first - 1) &
                   rule = rule//' (the / before it ends one; text with a / needs quotes)'
             end associate
-            if (token%line /= last_outside) call document%complain(token, rule)
-            last_outside = token%line
+            if (.not. is_reported) call document%complain(token, rule)
+            is_reported = .true.
          else if (token%kind == token_end) then
             is_open = .false.
          else if (token%kind == token_name) then
@@ -154,9 +155,8 @@ contains
          if (token%kind == token_index) then
             i = i + 1
             call parse_index(document%text_of(token), given%lower, given%upper, is_valid)
-            if (.not. is_valid) &
-               call document%complain(token, 'an index is (i) or (i:j), counted from 1', &
-                                      document%text_of(given%place))
+            if (.not. is_valid) call document%refuse(group, token, document%text_of(given%place), &
+                                                     '', 'an index is (i) or (i:j), counted from 1')
             given%place%last = token%last
          end if
       end associate

@@ -74,12 +74,16 @@ contains
       has = self%file%has(self%path_of(name))
    end function has
 
-   !> Keeps an error if one of the last calls of HDF5 has failed.
+   !> Keeps an error if one of the last calls of HDF5 has failed, unless there is one.
    subroutine keep_failure(self, subject, failure)
       class(hdf5_object), intent(inout) :: self
       character(*), intent(in) :: subject, failure   !! such as '/row' and ': cannot be read'
 
-      call conclude(self%file%path//': '//subject//failure, self%error)
+      if (allocated(self%error)) then
+         call forget_failure()
+      else
+         call conclude(self%file%path//': '//subject//failure, self%error)
+      end if
    end subroutine keep_failure
 
    !> True if there is an attribute of this name.
