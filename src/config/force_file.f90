@@ -10,12 +10,9 @@ module config_force_file
    private
    public :: check_force, force_label, read_force_text
 
-   integer, parameter :: max_shown = 10   !! largest number of bad lines that are named
-
 contains
 
    !> Reads a text file with one column per force, and optionally the time in front of them.
-   !> Complains of every bad line.
    subroutine read_force_text(path, n_forces, dt, force, complaints)
       character(*), intent(in) :: path
       integer, intent(in) :: n_forces
@@ -34,59 +31,34 @@ contains
       force(:, :) = transpose(table%value(n_columns - n_forces + 1:n_columns, :))
    end subroutine read_force_text
 
-   !> Checks that every row has as many columns as the first, and that the times are dt apart, to a
-   !> tenth of dt as they may be rounded. Equidistant times with another step are one complaint.
+   !> Complains of the first row that has not as many columns as the first one, or whose time is not
+   !> dt after the one before, to a tenth of dt as times may be rounded.
    subroutine check_rows(table, n_columns, n_forces, dt, complaints)
       type(table_type), intent(in) :: table
       integer, intent(in) :: n_columns, n_forces
       real(wp), intent(in) :: dt   !! [s]
       type(complaint_list), intent(inout) :: complaints
       real(wp), parameter :: tolerance = 0.1_wp   ! largest error of a time, in steps
-      real(wp) :: step, time
-      integer :: i, n_bad
+      real(wp) :: time
+      integer :: i
 
-      if (n_columns > n_forces .and. all(table%n_columns == n_columns) .and. table%n_rows > 1) then
-         step = (table%value(1, table%n_rows) - table%value(1, 1))/(table%n_rows - 1)
-         if (is_equidistant(step) .and. .not. is_equidistant(dt)) then
-            call complaints%add_general(table%path//': time between lines = '// &
-                                        rounded_text(step, 6)//': must be integration%dt = '// &
-                                        to_text(dt))
+      do i = 1, table%n_rows
+         if (table%n_columns(i) /= n_columns) then
+            call table%refuse_row(i, 'columns', to_text(table%n_columns(i)), 'must be '// &
+                                  to_text(n_columns)//', as on the first line', complaints)
             return
          end if
-      end if
-      n_bad = 0
-      do i = 1, table%n_rows
+         if (n_columns == n_forces) cycle
          time = table%value(1, 1) + (i - 1)*dt
-         if (table%n_columns(i) /= n_columns) then
-            n_bad = n_bad + 1
-            if (n_bad <= max_shown) &
-               call table%refuse_row(i, 'columns', to_text(table%n_columns(i)), 'must be '// &
-                                     to_text(n_columns)//', as on the first line', complaints)
-         else if (n_columns > n_forces .and. &
-                  .not. abs(table%value(1, i) - time) <= tolerance*dt) then
-            n_bad = n_bad + 1
-            if (n_bad <= max_shown) &
-               call table%refuse_row(i, 'time', to_text(table%value(1, i)), 'must be '// &
-                                     rounded_text(time, 12)//', '// &
-                                     to_text(i - 1)//' times integration%dt = '//to_text(dt)// &
-                                     ' after the first', complaints)
-         end if
+         if (abs(table%value(1, i) - time) <= tolerance*dt) cycle
+         call table%refuse_row(i, 'time', to_text(table%value(1, i))//', '// &
+                               rounded_text(table%value(1, i) - table%value(1, i - 1), 6)// &
+                               ' after the one before', &
+                               'must be '//rounded_text(time, 12)//', '//to_text(i - 1)// &
+                               ' times integration%dt = '//to_text(dt)//' after the first', &
+                               complaints)
+         return
       end do
-      if (n_bad > max_shown) &
-         call complaints%add_general(table%path//': '//to_text(n_bad - max_shown)// &
-                                     ' more bad lines')
-
-   contains
-
-      !> True if the times are first time + i step.
-      pure logical function is_equidistant(step)
-         real(wp), intent(in) :: step   !! [s]
-         integer :: i
-
-         is_equidistant = all(abs(table%value(1, :) - table%value(1, 1) &
-                           - [(i*step, i=0, table%n_rows - 1)]) <= tolerance*abs(step))
-      end function is_equidistant
-
    end subroutine check_rows
 
    !> Checks the force records of a file: number of values and of records, and finite values.
