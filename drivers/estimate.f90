@@ -10,7 +10,7 @@ module driver_estimate
    use core_text, only: brief, counted, labelled, rounded_text, shell_word, to_text
    use driver_campaign, only: report_new_folders
    use driver_command_line, only: command_line
-   use io_files, only: exists, file_size, folder_of, make_folder, remove_file, sync_file
+   use io_files, only: exists, folder_of, make_folder, write_new_file
    use io_progress, only: progress_type
    use parallel_world, only: start_world, stop_world, world_type
    use process_estimate, only: estimate_process, measured_record, process_estimate_type
@@ -68,39 +68,11 @@ contains
          call make_folder(folder_of(line%output), error, n_made)
          call report_new_folders(line%output, n_made, line%has('--quiet'))
          if (.not. allocated(error)) &
-            call write_scene(line%output, group_text(line%scene, found), error)
+            call write_new_file(line%output, group_text(line%scene, found), error)
          if (.not. (allocated(error) .or. line%has('--quiet'))) &
             call say(plot_commands(line%scene, line%output, found))
       end if
    end subroutine write_estimate
-
-   !> Writes a text to a new file, whole or not at all.
-   subroutine write_scene(path, text, error)
-      character(*), intent(in) :: path, text
-      type(error_type), allocatable, intent(out) :: error
-      type(error_type), allocatable :: ignored
-      character(256) :: reason
-      integer :: status, unit
-      logical :: is_whole
-
-      open (newunit=unit, file=path, status='new', action='write', access='stream', &
-            form='formatted', iostat=status, iomsg=reason)
-      if (status /= 0) then
-         call raise(error, exit_file, path//': cannot be written: '//trim(reason))
-         return
-      end if
-      write (unit, '(a)', advance='no', iostat=status) text
-      is_whole = status == 0
-      close (unit, iostat=status)
-      is_whole = is_whole .and. status == 0
-      if (is_whole) is_whole = file_size(path) >= len(text)   ! gfortran may not report a full disk
-      if (is_whole) then
-         call sync_file(path, error)
-      else
-         call raise(error, exit_file, path//': cannot be written to its end')
-         call remove_file(path, ignored)
-      end if
-   end subroutine write_scene
 
    !> Lines with the estimates, their errors, and whether the process explains the values.
    pure function estimates_text(found) result(text)

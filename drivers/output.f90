@@ -342,8 +342,8 @@ contains
       if (.not. self%is_quiet) call say_line(text)
    end subroutine say
 
-   !> Unlocks the output and ends the run if any rank has an error; leaves no empty store. If another
-   !> run has taken the output, reports that as the cause. Collective.
+   !> Unlocks the output, removes an empty store and ends the run if any rank has an error. If
+   !> another run has taken the output, reports that as the cause. Collective.
    subroutine stop_on(self, error)
       class(output_type), intent(inout) :: self
       type(error_type), allocatable, intent(in) :: error

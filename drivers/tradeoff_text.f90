@@ -123,7 +123,7 @@ contains
                line = line//': no setting that was measured'
             else
                line = line//': '//setting_text(rows(best)%setting, found%plan%integration%dt)// &
-                      ' ('//run_time(found, rows(best)%seconds)//')'
+                      ' ('//duration(rows(best)%seconds/found%n_ranks)//')'
             end if
          end associate
          line = labelled('cheapest', line)
@@ -186,22 +186,12 @@ contains
             remedy = 'campaign%n_samples = '//to_text(ceiling(errors%times_to_halve*n_samples))
             seconds = errors%times_to_halve*seconds
          end select
-         if (seconds > 0.0_wp) remedy = remedy//', '//run_time(found, seconds)//' instead of '// &
-                                        run_time(found, rows(found%tradeoff%own)%seconds)
+         if (seconds > 0.0_wp) remedy = remedy//', '//duration(seconds/found%n_ranks)// &
+                  ' instead of '//duration(rows(found%tradeoff%own)%seconds/found%n_ranks)
          text = text//labelled('largest', 'of slip: '//trim(names(largest))// &
                                '; to halve it: '//remedy)
       end associate
    end function components_text
-
-   !> Run time of a march of so many seconds of processor time.
-   pure function run_time(found, seconds) result(text)
-      type(tradeoff_findings), intent(in) :: found
-      real(wp), intent(in) :: seconds
-      character(:), allocatable :: text
-
-      text = duration(seconds/found%n_ranks)
-      if (seconds/found%n_ranks < 1.0_wp) text = brief(seconds/found%n_ranks)//' s'
-   end function run_time
 
    !> Table of the total errors and run times with other numbers of samples and steps.
    pure function sizes_text(found) result(text)

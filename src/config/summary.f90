@@ -195,7 +195,7 @@ contains
       character(:), allocatable :: text, method, steps
       !> Fewest steps per period of the fastest mode: the period error (omega dt)^2/12 is then 3 %
       real(wp), parameter :: fewest_steps = 10.0_wp
-      real(wp) :: span, steps_per_period
+      real(wp) :: steps_per_period
 
       associate (s => plan%integration)
          text = structure_text(plan%structure)
@@ -206,13 +206,8 @@ contains
          method = 'event, tolerance '//brief(s%tolerance)
          if (s%method == 'newmark') &
             method = 'newmark, at most '//counted(s%max_halvings, 'halving', 'halvings')
-         span = s%n_steps*s%dt
-         steps = to_text(s%n_steps)//' steps of '//lowered(to_text(s%dt))//' s, '
-         if (span < 1.0_wp) then   ! `duration` gives "less than 1 s"
-            steps = steps//brief(span)//' s'
-         else
-            steps = steps//duration(span)
-         end if
+         steps = to_text(s%n_steps)//' steps of '//lowered(to_text(s%dt))//' s, '// &
+                 duration(s%n_steps*s%dt)
          if (s%n_discard > 0) steps = steps//', the first '//to_text(s%n_discard)//' discarded'
          text = text//labelled('integration', method//', '//steps)
          if (s%method == 'newmark') then   ! the exact march has no period error

@@ -370,9 +370,7 @@ contains
       real(wp), intent(in) :: seconds
       character(:), allocatable :: text
 
-      if (seconds < 1.0_wp) then
-         text = 'less than 1 s'
-      else if (seconds < 120.0_wp) then
+      if (seconds < 120.0_wp) then
          text = brief(seconds)//' s'
       else if (seconds < 7200.0_wp) then
          text = brief(seconds/60.0_wp)//' min'

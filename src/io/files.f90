@@ -5,7 +5,7 @@ module io_files
    use core_error, only: error_type
    use core_kinds, only: long
    use core_system, only: c_fopen, c_readlink, raise_system, system_error, text_at
-   use core_terminal, only: is_terminal, standard_output
+   use core_terminal, only: is_terminal, standard_output, write_all
    use core_text, only: to_text
    use io_posix, only: c_fclose, c_fileno, c_fsync, c_gethostname, c_getpid, c_getppid, &
                        c_glob, c_globfree, c_mkdir, c_remove, c_rename
@@ -14,7 +14,7 @@ module io_files
    public :: exists, file_size, folder_of, host_name, is_folder, process_id, &
              shows_on_terminal
    public :: follow_links, list_files, make_folder, remove_file, rename_file, sync_file, &
-             unfinished_name
+             unfinished_name, write_new_file
 
    character(*), parameter, public :: unfinished = '.part-'   !! mark in names of unfinished files
 
@@ -122,6 +122,29 @@ contains
       number = system_error()
       if (number /= enoent) call raise_system(number, path//': cannot be removed', error)
    end subroutine remove_file
+
+   !> Writes a text to a new file, whole or not at all.
+   subroutine write_new_file(path, text, error)
+      character(*), intent(in) :: path, text
+      type(error_type), allocatable, intent(out) :: error
+      type(error_type), allocatable :: ignored
+      type(c_ptr) :: stream
+      integer(c_int) :: closed, number
+
+      stream = c_fopen(path//c_null_char, 'wx'//c_null_char)
+      if (.not. c_associated(stream)) then
+         call raise_system(system_error(), path//': cannot be written', error)
+         return
+      end if
+      call write_all(c_fileno(stream), text, number)
+      closed = c_fclose(stream)
+      if (number == 0) then
+         call sync_file(path, error)
+      else
+         call raise_system(number, path//': cannot be written to its end', error)
+         call remove_file(path, ignored)
+      end if
+   end subroutine write_new_file
 
    !> Renames a file; a file `to` is replaced in one step.
    subroutine rename_file(from, to, error)
