@@ -5,15 +5,13 @@ module driver_campaign
    use config_plan, only: build_plan
    use config_scene, only: complaint_list, read_scene, scene_type
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
-   use core_terminal, only: say
    use core_text, only: to_text
    use driver_command_line, only: command_line
-   use io_files, only: folder_of
    use io_force, only: read_force_hdf5
    use process_model, only: process_model_type
    implicit none(type, external)
    private
-   public :: load_plan, refuse_unsolved, report_new_folders
+   public :: load_plan, refuse_unsolved
 
 contains
 
@@ -50,15 +48,6 @@ contains
                        merge(max(scene%campaign%n_samples, 1), 0, scene%excitation%per_sample), &
                        complaints)
    end subroutine read_hdf5_force
-
-   !> Reports that the folder of an output did not exist and was made: its name may be misspelt.
-   subroutine report_new_folders(output, n_made, is_quiet)
-      character(*), intent(in) :: output
-      integer, intent(in) :: n_made   !! number of folders that were made
-      logical, intent(in) :: is_quiet
-
-      if (n_made > 0 .and. .not. is_quiet) call say('made the folder '//folder_of(output))
-   end subroutine report_new_folders
 
    !> Refuses a plan with motion if any process has no solution, and one without if none has.
    subroutine refuse_unsolved(plan, models, error)

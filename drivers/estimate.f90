@@ -8,7 +8,6 @@ module driver_estimate
    use core_kinds, only: long, wp
    use core_terminal, only: say
    use core_text, only: brief, counted, labelled, rounded_text, shell_word, to_text
-   use driver_campaign, only: report_new_folders
    use driver_command_line, only: command_line
    use io_files, only: exists, folder_of, make_folder, write_new_file
    use io_progress, only: progress_type
@@ -58,15 +57,12 @@ contains
       type(command_line), intent(in) :: line
       type(process_estimate_type), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
-      integer :: n_made
 
       if (.not. line%has('--quiet')) call say(estimates_text(found))
       if (.not. allocated(line%output)) then
          call say(group_text(line%scene, found))
       else
-         n_made = 0
-         call make_folder(folder_of(line%output), error, n_made)
-         call report_new_folders(line%output, n_made, line%has('--quiet'))
+         call make_folder(folder_of(line%output), error)
          if (.not. allocated(error)) &
             call write_new_file(line%output, group_text(line%scene, found), error)
          if (.not. (allocated(error) .or. line%has('--quiet'))) &

@@ -13,7 +13,6 @@ module driver_output
    use core_kinds, only: long, wp
    use core_terminal, only: say_line => say
    use core_text, only: counted, to_text
-   use driver_campaign, only: report_new_folders
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
    use io_earlier_results, only: case_errors, refuse_replacement, count_stored_samples, &
@@ -70,7 +69,6 @@ contains
       output%n_stored = [integer ::]
       if (world%is_root()) call lock_and_clear(output, error)
       call output%stop_on(error)
-      call report_new_folders(output%path, output%lock%n_folders, output%is_quiet)
    end subroutine open_new_output
 
    !> Sets path and identity of the output. The path is --output, else the name of the scene with an
@@ -125,7 +123,6 @@ contains
       if (output%is_shared .and. .not. world%is_root()) &
          call take_lock(output%path, output%lock, error, is_shared=.true.)
       call output%stop_on(error)
-      call report_new_folders(output%path, output%lock%n_folders, output%is_quiet)
       output%is_complete = world%any_true(output%is_complete)   ! set on the root
       call world%broadcast(output%n_stored)
       if (output%is_complete) return

@@ -91,22 +91,18 @@ contains
    end function unfinished_name
 
    !> Makes a folder, and those above it, if they are missing.
-   recursive subroutine make_folder(path, error, n_made)
+   recursive subroutine make_folder(path, error)
       character(*), intent(in) :: path
       type(error_type), allocatable, intent(out) :: error
-      integer, intent(inout), optional :: n_made   !! grows by the folders that were missing
       integer(c_int), parameter :: mode = int(o'777', c_int)   !! less the user's umask
       integer(c_int) :: number
 
       if (is_folder(path)) return
       if (.not. exists(folder_of(path))) then
-         call make_folder(folder_of(path), error, n_made)
+         call make_folder(folder_of(path), error)
          if (allocated(error)) return
       end if
-      if (c_mkdir(path//c_null_char, mode) == 0) then
-         if (present(n_made)) n_made = n_made + 1
-         return
-      end if
+      if (c_mkdir(path//c_null_char, mode) == 0) return
       number = system_error()
       if (.not. is_folder(path)) call raise_system(number, path//': cannot make this folder', error)
    end subroutine make_folder

@@ -36,7 +36,6 @@ module io_lock
    type :: lock_type
       private
       character(:), allocatable, public :: output   !! path of the locked output
-      integer, public :: n_folders = 0              !! folders that were made for it
       character(:), allocatable :: path             !! path of the lock file
       character(:), allocatable :: name             !! this run's name in it; '' on a full disk
       type(c_ptr) :: stream = c_null_ptr            !! open lock file
@@ -65,10 +64,9 @@ contains
       lock%output = output
       lock%path = output//'.lock'
       if (present(is_shared)) lock%is_shared = is_shared
-      call make_folder(folder_of(output), error, lock%n_folders)
-      if (.not. allocated(error)) call check_length(output, error)
+      call check_length(output, error)
+      if (.not. allocated(error)) call make_folder(folder_of(output), error)
       if (.not. allocated(error)) call acquire(lock, error)
-      if (allocated(error)) call remove_folders(lock)
       if (.not. allocated(error)) lock%stamp = stamp_of(output)
    end subroutine take_lock
 
@@ -203,35 +201,15 @@ contains
       ignored = lockf_succeeds(self, unlock, n_presence_bytes + int(number, c_long), one_byte)
    end subroutine release_claim
 
-   !> Releases the lock. A run alone first removes the file, while it is still locked, and the
-   !> folders that it made if they are empty.
+   !> Releases the lock. A run alone first removes the file, while it is still locked.
    subroutine release(self, error)
       class(lock_type), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
 
       if (.not. self%is_held()) return
-      if (is_ours(self) .and. .not. self%is_shared) then
-         call remove_file(self%path, error)
-         call remove_folders(self)
-      end if
+      if (is_ours(self) .and. .not. self%is_shared) call remove_file(self%path, error)
       call close_lock(self)
    end subroutine release
-
-   !> Removes the folders that were made for the output, as long as they are empty.
-   subroutine remove_folders(lock)
-      type(lock_type), intent(inout) :: lock
-      type(error_type), allocatable :: error
-      character(:), allocatable :: folder
-
-      folder = lock%output
-      do while (lock%n_folders > 0)
-         folder = folder_of(folder)
-         if (.not. exists(folder)) cycle
-         call remove_file(folder, error)
-         if (allocated(error)) return
-         lock%n_folders = lock%n_folders - 1
-      end do
-   end subroutine remove_folders
 
    subroutine open_lock(lock, error)
       type(lock_type), intent(inout) :: lock
