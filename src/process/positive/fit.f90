@@ -41,10 +41,9 @@ contains
       integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable :: error
-      logical :: is_far
 
-      call fit_far_from_zero(request, model, is_far)
-      if (.not. is_far) call fit_near_zero(request, seed, model, error)
+      call fit_far_from_zero(request, model)
+      if (.not. model%is_solved) call fit_near_zero(request, seed, model, error)
       model%is_solved = .not. allocated(error)
       if (allocated(error)) model%reason = error%message
    end subroutine fit_positive
@@ -163,8 +162,8 @@ contains
       real(wp), allocatable :: state(:)
       logical :: has_first_order, has_others, is_inside
 
-      call fit_far_from_zero(request, model, is_inside)
-      if (is_inside) return
+      call fit_far_from_zero(request, model)
+      if (model%is_solved) return
       if (is_first_order(request)) then
          call fit_near_zero(request, seed, model, error)
          return
@@ -210,25 +209,21 @@ contains
    end subroutine predict_positive
 
    !> Fits the process without sign constraint, if mean/std is so large that no value is negative to
-   !> all digits: it then has the largest entropy. `is_far` is false, and nothing is solved, if
-   !> mean/std is smaller, there is no such process, or its K(m) have signs that are refused.
-   subroutine fit_far_from_zero(request, model, is_far)
+   !> all digits: it then has the largest entropy. Nothing is solved if mean/std is smaller, there is
+   !> no such process, or its K(m) have signs that are refused.
+   subroutine fit_far_from_zero(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model
-      logical, intent(out) :: is_far
       real(wp), parameter :: far = 9.0_wp   ! moments change by c phi(c) < 1e-17
       type(process_model_type) :: unconstrained
       type(error_type), allocatable :: error
 
       model%request = request
-      is_far = request%std > 0.0_wp .and. request%mean >= far*request%std
-      if (.not. is_far) return
+      if (.not. (request%std > 0.0_wp .and. request%mean >= far*request%std)) return
       call fit_unconstrained(request, unconstrained, error)
-      is_far = .not. allocated(error)
-      if (.not. is_far) return
+      if (allocated(error)) return
       call describe_far_from_zero(request, unconstrained)
-      is_far = request%branch == 'any' .or. unconstrained%branch == 'nonnegative'
-      if (is_far) model = unconstrained
+      if (request%branch == 'any' .or. unconstrained%branch == 'nonnegative') model = unconstrained
    end subroutine fit_far_from_zero
 
    !> Fits the process with K(m) >= 0 under the other law if K(m) alternates; keeps its entropy if

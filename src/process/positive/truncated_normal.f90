@@ -7,6 +7,7 @@ module process_positive_truncated_normal
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
    use core_text, only: rounded_text
+   use numerics_elementary, only: log_one_plus
    use numerics_roots, only: root_search
    implicit none(type, external)
    private
@@ -160,8 +161,7 @@ contains
       if (c < 0.0_wp) then
          value = log(mills_ratio(-c)) - 0.5_wp*c**2 - log_sqrt_two_pi
       else
-         value = log(1.0_wp - 0.5_wp*erfc(c/sqrt(2.0_wp)))
-         if (c > 5.0_wp) value = -0.5_wp*erfc(c/sqrt(2.0_wp))
+         value = log_one_plus(-0.5_wp*erfc(c/sqrt(2.0_wp)))
       end if
    end function log_acceptance
 
@@ -235,7 +235,7 @@ contains
       real(wp) :: exponent, slope
 
       ! first guess: -ln u is the integral of the hazard, which is nearly linear
-      exponent = rough_minus_log(u)
+      exponent = max(-log_in_range(u), 0.0_wp)
       slope = min(max(hazard*(hazard - k), 0.6_wp), 1.0_wp)
       slope = (slope + 0.06_wp*exponent)/(1.0_wp + 0.06_wp*exponent)
       t = 2.0_wp*exponent/(hazard + sqrt(hazard**2 + 2.0_wp*slope*exponent))
@@ -298,16 +298,6 @@ contains
       value = 1.0_wp + r*(1.0_wp + r*(c(2) + r*value))
       value = transfer(transfer(value, 1_long) + ishft(transfer(n, 1_long), 52), value)
    end function exp_in_range
-
-   !> -ln u for u in (0, 1], to 1e-5.
-   elemental real(wp) function rough_minus_log(u) result(value)
-      real(wp), intent(in) :: u
-      real(wp) :: power, s
-
-      call split(u, power, s)
-      value = -(power*ln2 + 2.0_wp*s*(1.0_wp + s**2*(1.0_wp/3.0_wp + 0.2_wp*s**2)))
-      value = max(value, 0.0_wp)
-   end function rough_minus_log
 
    !> ln x for normal x > 0, to a unit in the last place or two of max(|ln x|, 1).
    elemental real(wp) function log_in_range(x) result(value)
