@@ -63,7 +63,6 @@ contains
       real(wp) :: motion, load   ! x_(k+1) over x_1 in free motion; over x_2 of a load from rest
       real(wp), allocatable :: damping(:, :), stiffness(:, :)   ! C^, K^ without joints
       real(wp), allocatable :: share(:, :)   ! |C^_ij| times motion of dof j over that of dof i
-      real(wp) :: stuck(structure%n_dof, structure%n_dof)   ! K with all joints stuck [N/m]
       integer :: k
 
       series%n_dof = structure%n_dof
@@ -76,12 +75,11 @@ contains
       series%diagonal(:structure%n_dof) = [(stiffness(k, k), k=1, structure%n_dof)]
       stiffness = without_diagonal(stiffness)
       series%rate = series%h*fastest_rate(structure)
-      stuck = structure%stuck_stiffness([(.true., k=1, structure%n_joints)])
-      error = tolerance/(parts*memory*max(count_levels(stuck, series%loaded), 5))
+      error = tolerance/(parts*memory*max(structure%n_dof, 5))
       series%degree = degree_for(series%rate, error)
       allocate (series%operators(0:series%degree - 2))
       allocate (share, source=abs(damping))   ! an assignment would read undefined bounds
-      call weigh_by_motion(structure, stuck, dt, share)
+      call weigh_by_motion(structure, dt, share)
       motion = 1.0_wp
       load = 1.0_wp
       do k = 0, series%degree - 2
@@ -124,44 +122,23 @@ contains
       degree = most_degree
    end function degree_for
 
-   !> Number of couplings from the nearest load to the farthest dof, at least 1: L of (1).
-   pure function count_levels(stuck, loaded) result(levels)
-      real(wp), intent(in) :: stuck(:, :)   !! K with all joints stuck (dof, dof)
-      integer, intent(in) :: loaded(:)      !! dofs
-      integer :: levels
-      logical, dimension(size(stuck, 1)) :: is_reached, is_front, is_next
-      integer :: i
-
-      is_reached = .false.
-      is_reached(loaded) = .true.
-      is_front = is_reached
-      do levels = 1, size(stuck, 1)
-         is_next = .false.
-         do i = 1, size(stuck, 1)
-            if (is_front(i)) is_next = is_next .or. abs(stuck(:, i)) > 0.0_wp
-         end do
-         is_front = is_next .and. .not. is_reached
-         if (.not. any(is_front)) return
-         is_reached = is_reached .or. is_front
-      end do
-   end function count_levels
-
    !> Multiplies entries (i, j) by the motion of dof j over that of dof i, if that is above 1. A dof
    !> moves less than the dof that drives it by the spring between them over its own dynamic
    !> stiffness under the fastest force (2).
-   pure subroutine weigh_by_motion(structure, stuck, dt, entries)
+   pure subroutine weigh_by_motion(structure, dt, entries)
       type(structure_type), intent(in) :: structure
-      real(wp), intent(in) :: stuck(:, :)   !! K with all joints stuck (dof, dof)
-      real(wp), intent(in) :: dt            !! [s]
+      real(wp), intent(in) :: dt   !! [s]
       real(wp), intent(inout) :: entries(:, :)
       real(wp), parameter :: least = 1.0e-30_wp
       real(wp), parameter :: steps_of_period = 20.0_wp   ! period of the fastest force in steps (2)
       real(wp), dimension(structure%n_dof) :: mass, motion, moved_before
+      real(wp) :: stuck(structure%n_dof, structure%n_dof)   ! K with all joints stuck [N/m]
       real(wp) :: stiffness(structure%n_dof)   ! dynamic, under the fastest force [N/m]
       type(sparse_matrix) :: springs
       real(wp) :: fastest   ! omega_f^2 [rad^2/s^2]
       integer :: e, i, j
 
+      stuck = structure%stuck_stiffness([(.true., j=1, structure%n_joints)])
       springs = sparse_of(without_diagonal(stuck))
       mass = structure%lumped_mass()
       fastest = (two_pi/(steps_of_period*dt))**2
