@@ -5,7 +5,7 @@ module structure_matrix_market
    use core_complaints, only: complaint_list, printable
    use core_kinds, only: wp
    use core_source, only: read_source, source_type
-   use core_table, only: next_word, parse_row, parse_rows, table_type
+   use core_table, only: next_word, parse_rows, table_type
    use core_text, only: lowered, to_text
    use structure_model, only: most_dofs, too_large
    implicit none(type, external)
@@ -92,7 +92,8 @@ contains
          if (n <= size(words)) words(n) = line(first:last)
       end do
       if (words(1) /= '%%matrixmarket') then
-         call refuse_header(reader)
+         reader%rule = shown(reader)//': must begin with %%MatrixMarket matrix; '// &
+                       '`python -m entroslip.structure` converts matrices of Abaqus'
       else if (n /= 5 .or. words(2) /= 'matrix') then
          reader%rule = shown(reader)//': must be %%MatrixMarket matrix, form, field, symmetry'
       else if (all(words(3) /= [character(10) :: 'coordinate', 'array'])) then
@@ -106,36 +107,6 @@ contains
       reader%is_integer = words(4) == 'integer'
       reader%is_symmetric = words(5) == 'symmetric'
    end subroutine read_header
-
-   !> Refuses a file without a header; recognizes those of Abaqus, `node,dof,node,dof,value` (MATRIX
-   !> INPUT, after ** comments) or `row column value` (COORDINATE).
-   pure subroutine refuse_header(reader)
-      type(reader_type), intent(inout) :: reader
-      character(*), parameter :: importer = ': convert it with `python -m entroslip.structure`'
-      character(:), allocatable :: line, rule
-      real(wp) :: values(5)
-      integer :: k, n
-
-      n = 0
-      do while (n == 0 .and. reader%line <= reader%source%n_lines())
-         line = reader%source%line(reader%line)
-         do k = 1, len(line)
-            if (line(k:k) == ',') line(k:k) = ' '
-         end do
-         if (index(adjustl(line), '*') /= 1) call parse_row(line, 1, values, n, rule)
-         reader%line = reader%line + 1
-      end do
-      reader%line = merge(reader%line - 1, 1, any(n == [3, 5]) .and. .not. allocated(rule))
-      if (n == 5 .and. .not. allocated(rule)) then
-         reader%rule = shown(reader)//': an Abaqus matrix (node, dof, node, dof, value), not '// &
-                       'Matrix Market'//importer
-      else if (n == 3 .and. .not. allocated(rule)) then
-         reader%rule = shown(reader)//': row, column, value without a header, as Abaqus writes '// &
-                       'them'//importer
-      else
-         reader%rule = shown(reader)//': must begin with %%MatrixMarket matrix'
-      end if
-   end subroutine refuse_header
 
    !> Checks the line of sizes: rows, columns [, entries].
    subroutine check_sizes(reader)
