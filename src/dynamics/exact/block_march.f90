@@ -4,9 +4,10 @@ module dynamics_exact_block_march
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use dynamics_exact_base_system, only: base_system, raise_too_many
-   use dynamics_exact_joint_paths, only: joint_paths, width
+   use dynamics_exact_joint_paths, only: joint_paths, regime_slider, width
    use dynamics_exact_transitions, only: clear, examine, find_next, group_size, plain, &
                                          apply_response, load_candidates, transition_group
+   use dynamics_joint, only: find_open_sliders
    use dynamics_response, only: block_state, marcher_type
    implicit none(type, external)
    private
@@ -85,8 +86,11 @@ contains
             state%work_input(first:last) = base%work_done(:last - first + 1, 1)
             state%work_viscous(first:last) = base%work_done(:last - first + 1, 2)
             call base%store_state(state)
-            call base%paths%store_sliders(structure, state)
+            state%slider(:, first:last) = transpose(base%paths%regime(:last - first + 1, &
+                                                                      :state%n_joints, &
+                                                                      regime_slider))
          end do
+         call find_open_sliders(structure, state)
          state%step = state%step + ubound(force, 1)
          state%internal_step = state%step
       end associate

@@ -5,7 +5,6 @@ module dynamics_exact_joint_paths
    use dynamics_joint, only: enter_transition, slider_at, slip_direction
    use dynamics_alignment, only: aligned_memory
    use dynamics_response, only: block_state
-   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: joint_paths, local_responses, padded_rows, width
@@ -68,7 +67,6 @@ module dynamics_exact_joint_paths
       procedure :: initialize
       procedure :: exchange_ends
       procedure :: load_regimes
-      procedure :: store_sliders
       procedure :: switch
    end type joint_paths
 
@@ -164,26 +162,6 @@ contains
          end do
       end do
    end subroutine load_regimes
-
-   !> Copies the sliders to the block; that of a slipping joint follows from w.x.
-   pure subroutine store_sliders(self, structure, state)
-      class(joint_paths), intent(in) :: self
-      type(structure_type), intent(in) :: structure
-      type(block_state), intent(inout) :: state
-      integer :: j, l, w
-
-      do l = 1, self%n_samples
-         w = self%first_sample + l - 1
-         do j = 1, self%n_joints
-            state%slider(j, w) = self%regime(l, j, regime_slider)
-            if (state%direction(j, w) == 0) cycle
-            state%slider(j, w) = slider_at(dot_product(structure%direction(:, j), &
-                                                       state%displacement(:, w)), &
-                                           state%direction(j, w), &
-                                           state%slip_limit(j, w)/structure%joint_stiffness(j))
-         end do
-      end do
-   end subroutine store_sliders
 
    !> Switches a joint between stick and slip, in the regimes of its lane and in the state. Without
    !> branches, as slips start as often as they end.

@@ -6,7 +6,7 @@
 module dynamics_newmark_block
    use core_kinds, only: long, wp
    use dynamics_alignment, only: aligned_memory
-   use dynamics_joint, only: count_open_slips, enter_transition, slider_at
+   use dynamics_joint, only: count_open_slips, enter_transition, find_open_sliders, slider_at
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
@@ -111,20 +111,16 @@ contains
    subroutine store_block(block, state)
       type(newmark_block), intent(in) :: block
       type(block_state), intent(inout) :: state
-      integer :: j, w
+      integer :: w
 
       do w = 1, block%n_samples
-         associate (motion => block%motion(:, :, block%slot(w), w), row => block%frame%row)
+         associate (motion => block%motion(:, :, block%slot(w), w))
             state%velocity(:, w) = motion(:block%frame%n_dof, 2)
             state%displacement(:, w) = motion(:block%frame%n_dof, 3)
-            do j = 1, block%n_joints
-               state%slider(j, w) = block%bounds(row(j), 1, w)
-               if (state%direction(j, w) /= 0) &
-                  state%slider(j, w) = slider_at(motion(row(j), 3), state%direction(j, w), &
-                                                 block%reach(j, w))
-            end do
+            state%slider(:, w) = block%bounds(block%frame%row, 1, w)
          end associate
       end do
+      call find_open_sliders(block%frame%structure, state)
       state%step = state%step + ubound(block%force, 1)
       call count_open_slips(block%frame%structure, state%step*block%dt, state)
       if (.not. state%keeps_ledger) return
@@ -139,30 +135,26 @@ contains
       class(newmark_block), intent(inout) :: self
       type(block_state), intent(inout) :: state
       integer, intent(in) :: w
-      integer :: i, j, k, n_crossed
+      integer :: i, j
       integer(long) :: new, nearer, old
 
       old = self%slot(w)
       new = 1 - old
       call find_margins(size(self%bounds, 1), self%bounds(:, :, w), self%motion(:, :, :, w), &
                         self%margin)
-      n_crossed = 0
       nearer = new
       do j = 1, self%n_joints
          i = self%frame%row(j)
-         if (.not. self%margin(i, new) < 0.0_wp) cycle
-         n_crossed = n_crossed + 1
-         self%list(n_crossed) = j
-         if (is_nearer(i) .and. may_switch(i, old)) nearer = old
+         if (self%margin(i, new) < 0.0_wp .and. is_nearer(i) .and. may_switch(i, old)) nearer = old
       end do
       if (nearer == new) then
          if (state%keeps_ledger) call self%add_work(w)
          self%tick(w) = self%tick(w) + 1
          self%slot(w) = new
       end if
-      do k = 1, n_crossed
-         j = self%list(k)
+      do j = 1, self%n_joints
          i = self%frame%row(j)
+         if (.not. self%margin(i, new) < 0.0_wp) cycle
          if (nearer == old .and. .not. is_nearer(i)) cycle
          if (.not. may_switch(i, nearer)) cycle
          call self%switch(state, j, w, &
