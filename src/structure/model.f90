@@ -19,6 +19,7 @@ module structure_model
    !> + 1 numbers
    integer, parameter :: most_dofs = 32766
    real(wp), parameter :: least_share = 1.0e-10_wp   !! eigenvalue over the largest that is not zero
+   real(wp), parameter :: least_gap = 100.0_wp       !! eigenvalue over that of a zero mode below it
 
    !> One structure. Matrices are full.
    type :: structure_type
@@ -204,7 +205,8 @@ contains
    !> mass-normalized modes (dof, mode).
    !>
    !> An eigenvalue below 1e-10 of the largest has few correct digits: its Rayleigh quotient
-   !> replaces it. If that is below 1e-10 of the sum of its absolute terms, the mode is a zero mode.
+   !> replaces it. If that is below 1e-10 of the sum of its absolute terms, and below 1/100 of the
+   !> next eigenvalue (low modes of a fine mesh are nearer to each other), the mode is a zero mode.
    !> With a `name`, a more negative eigenvalue is refused.
    subroutine find_modes(stiffness, mass, frequencies, n_zero, error, modes, name)
       real(wp), intent(in) :: stiffness(:, :), mass(:, :)   !! (dof, dof) [N/m], [kg]
@@ -214,7 +216,7 @@ contains
       real(wp), allocatable, intent(out), optional :: modes(:, :)
       character(*), intent(in), optional :: name            !! name of K in the message
       real(wp), allocatable :: eigenvalues(:), vectors(:, :)
-      real(wp) :: energy, least, terms
+      real(wp) :: above, energy, least, terms
       integer :: r
       logical :: needs_vectors
 
@@ -235,14 +237,20 @@ contains
                     'negative, the structure would buckle')
          return
       end if
-      do r = 1, size(eigenvalues)
-         if (abs(eigenvalues(r)) > least) cycle
-         associate (mode => vectors(:, r))
-            energy = dot_product(mode, matmul(stiffness, mode))
-            terms = dot_product(abs(mode), matmul(abs(stiffness), abs(mode)))
-         end associate
-         eigenvalues(r) = merge(energy, 0.0_wp, energy > least_share*terms)
-         if (.not. eigenvalues(r) > 0.0_wp) n_zero = n_zero + 1
+      above = huge(1.0_wp)
+      do r = size(eigenvalues), 1, -1
+         if (abs(eigenvalues(r)) <= least) then
+            associate (mode => vectors(:, r))
+               energy = dot_product(mode, matmul(stiffness, mode))
+               terms = dot_product(abs(mode), matmul(abs(stiffness), abs(mode)))
+            end associate
+            if (energy <= least_share*terms .and. (n_zero > 0 .or. above > least_gap*energy)) then
+               energy = 0.0_wp
+               n_zero = n_zero + 1
+            end if
+            eigenvalues(r) = energy
+         end if
+         above = eigenvalues(r)
       end do
       allocate (frequencies, source=sign(sqrt(abs(eigenvalues)), eigenvalues)/two_pi)
       if (present(modes)) call move_alloc(vectors, modes)
