@@ -47,7 +47,7 @@ MOTIONS["'sine'"] = BAREST.replace("variance = 41.1", "kind = 'sine' frequency =
 MOTIONS["'psd', 'file'"] = BAREST.replace("variance = 41.1", "kind = 'psd' psd = 'psd.txt'")
 MOTIONS["`deterministic`"] = BAREST.replace("n_samples = 25", "n_samples = 25 deterministic = t")
 MOTIONS["fewer than 25 samples"] = BAREST.replace("n_samples = 25", "n_samples = 2")
-MOTIONS["fewer than 25 samples, 'spectrum'"] = MOTIONS["'spectrum'"].replace("= 25 /", "= 2 /")
+MOTIONS["'spectrum', fewer than 25 samples"] = MOTIONS["'spectrum'"].replace("= 25 /", "= 2 /")
 HISTORY = MOTIONS["'history'"]
 MOTIONS["'history', several forces"] = HISTORY.replace("&chain n_dof = 2 /", FORCES)
 MOTIONS |= {
@@ -253,7 +253,10 @@ def table(found: Found, n_scenes: int) -> str:
     lines = ["| name | shape | type | unit | meaning | there with |", "|---|---|---|---|---|---|"]
     for entry, wishes in sorted(found.items(), key=lambda item: item[0].order()):
         n_least = n_scenes if UNSOLVED in wishes else n_scenes - 1
-        shortest = [one for one in wishes if not any(one.startswith(f"{two},") for two in wishes)]
+        shortest = [
+            one for one in wishes
+            if not any(one.startswith(f"{two},") or one.endswith(f", {two}") for two in wishes)
+        ]  # fmt: skip
         when = "" if len(wishes) >= n_least or "" in wishes else ", ".join(shortest)
         cells = [f"`{entry.name}`", entry.shape, entry.kind, entry.unit, entry.meaning, when]
         lines.append("| " + " | ".join(cells) + " |")
