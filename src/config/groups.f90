@@ -17,15 +17,15 @@ module config_groups
    character(*), parameter :: &
       group_names(*) = [character(12) :: 'scene', 'process', 'structure', 'chain', 'excitation', &
                                          'integration', 'campaign', 'accuracy', 'output'], &
-      group_docs(*) = [character(80) :: 'title and seed of the study', &
-                      'maximum-entropy processes (Sec. 2); the group may be repeated', &
-                      'a structure from files with Jenkins joints, in place of &chain', &
-                      'a row of masses held by Jenkins joints (Sec. 3); needs &excitation', &
-                      'the forces on the chain or structure', &
-                      'method and steps of the march through time', &
-                      'number of samples, estimator, time limit', &
-                      'target accuracy, and the audit of the numerical error', &
-                      'results to keep; others are not computed']
+      group_docs(*) = [character(80) :: 'Title and seed of the study', &
+                      'Maximum-entropy processes (Sec. 2); the group may be repeated', &
+                      'A structure from files with Jenkins joints, in place of &chain', &
+                      'A row of masses held by Jenkins joints (Sec. 3); needs &excitation', &
+                      'The forces on the chain or structure', &
+                      'Method and steps of the march through time', &
+                      'Number of samples, estimator, time limit', &
+                      'Target accuracy, and the audit of the numerical error', &
+                      'Results to keep; others are not computed']
 
    !> A scene: its groups, absent ones with their defaults, and the data of the files it names.
    type :: scene_type

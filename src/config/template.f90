@@ -55,7 +55,7 @@ contains
          lister = lister_type()
          call scene%visit(trim(group_names(i)), 1, lister)
          text = text//'## &'//trim(group_names(i))//line_feed//line_feed// &
-                capital(trim(group_docs(i)))//'.'//line_feed//line_feed// &
+                trim(group_docs(i))//'.'//line_feed//line_feed// &
                 '| name | type | default | unit | meaning |'//line_feed// &
                 '|---|---|---|---|---|'//line_feed
          do j = 1, size(lister%rows)
@@ -135,14 +135,5 @@ contains
                 trim(entry%unit)//' | '//meaning_of(entry)//' |'
       end associate
    end function reference_row
-
-   !> Text with a capital first letter.
-   pure function capital(text)
-      character(*), intent(in) :: text
-      character(len(text)) :: capital
-
-      capital = text
-      if (text(1:1) >= 'a' .and. text(1:1) <= 'z') capital(1:1) = achar(iachar(text(1:1)) - 32)
-   end function capital
 
 end module config_template

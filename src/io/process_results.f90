@@ -7,7 +7,7 @@ module io_process_results
    use io_files, only: exists
    use io_hdf5, only: hdf5_file, hdf5_group, new_group, open_hdf5
    use io_store, only: advise, create_in_store, finish_in_store, open_in_store, shard_store
-   use process_components, only: axis_type, component, component_visitor, reset_components, &
+   use process_components, only: component, component_visitor, reset_components, &
                                  visit_components
    use process_model, only: process_model_type, process_request
    use process_reference, only: is_reference, law_name
@@ -165,8 +165,10 @@ contains
       is_row = item%rows%name == ''
       if (self%writes) then
          if (.not. allocated(values)) return
-         call put_axis(self, item%axis, size(values, 2))
-         if (.not. is_row) call put_axis(self, item%rows, size(values, 1))
+         call self%group%put_axis(trim(item%axis%name), size(values, 2), trim(item%axis%about), &
+                                  item%axis%first)
+         if (.not. is_row) call self%group%put_axis(trim(item%rows%name), size(values, 1), &
+                                                    trim(item%rows%about), item%rows%first)
          axes = trim(item%axis%name)//' '//item%rows%name
          call self%group%put(trim(item%name), values, trim(item%units), trim(item%about), &
                              trim(axes), trim(merge('integer', 'real   ', item%is_whole)), &
@@ -178,17 +180,6 @@ contains
          call self%group%get(trim(item%name), values)
       end if
    end subroutine visit_table
-
-   !> Writes an axis, unless the group has it.
-   subroutine put_axis(self, axis, n)
-      class(group_visitor), intent(inout) :: self
-      type(axis_type), intent(in) :: axis
-      integer, intent(in) :: n
-
-      if (allocated(self%group%error)) return
-      if (self%group%has(trim(axis%name))) return
-      call self%group%put_axis(trim(axis%name), n, trim(axis%about), axis%first)
-   end subroutine put_axis
 
    !> Writes a process that is solved, or refused with its reason, to a file of the store. It is on
    !> the disk when this returns without error.

@@ -262,7 +262,7 @@ contains
       call self%put(name//'_error', standard_error, units, 'standard error: '//long_name, '')
    end subroutine put_value
 
-   !> Writes an axis of n whole numbers that begin at 1, or at `first`.
+   !> Writes an axis of n whole numbers that begin at 1, or at `first`, unless the group has it.
    subroutine put_axis(self, name, n, long_name, first)
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name, long_name
@@ -270,6 +270,8 @@ contains
       integer, intent(in), optional :: first
       integer :: i, start
 
+      if (allocated(self%error)) return
+      if (self%has(name)) return
       start = 1
       if (present(first)) start = first
       call self%put(name, [(i, i=start, start + n - 1)], '1', long_name, name)
