@@ -47,7 +47,7 @@ contains
 
       if (.not. exists(path)) return
       call open_results(path, file, error)
-      if (.not. allocated(error)) call require_command(file, command, error)
+      if (.not. allocated(error)) call require_command(file, command, advice, error)
       call file%abandon()
    end subroutine refuse_replacement
 

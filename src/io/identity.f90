@@ -51,7 +51,7 @@ contains
       type(hdf5_object) :: root
       integer :: found
 
-      call require_command(file, identity%command, error)
+      call require_command(file, identity%command, advice, error)
       if (allocated(error)) return
       root = hdf5_object(file, '/')
       call root%read('format_version', found)
@@ -142,9 +142,10 @@ contains
    end function shortened
 
    !> Refuses a file that another command or another program wrote.
-   subroutine require_command(file, command, error)
+   subroutine require_command(file, command, advice, error)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: command
+      character(*), intent(in) :: advice   !! as in require_same
       type(error_type), allocatable, intent(out) :: error
       character(:), allocatable :: found, program
       type(hdf5_object) :: root
@@ -154,8 +155,9 @@ contains
       if (root%has_attribute('program')) call root%read('program', program)
       if (program == 'entroslip') call root%read('command', found)
       call root%take_error(error)
-      if (allocated(error)) return
-      if (program /= 'entroslip') then
+      if (allocated(error)) then
+         error%message = error%message//advice
+      else if (program /= 'entroslip') then
          call refuse_foreign(file%path, error)
       else if (found /= command) then
          call raise(error, exit_file, file%path//' holds what entroslip '//found// &

@@ -100,6 +100,14 @@ def test_a_damaged_value_is_found(campaign, output):
         assert_refused(campaign(), f"/campaign/c001/{name}: cannot be read")
 
 
+def test_damaged_attributes_are_not_those_of_another_program(campaign, output):
+    content = bytearray(output.read_bytes())
+    content[100] ^= 4
+    output.write_bytes(content)
+    assert_refused(campaign(), "attribute program of /: cannot be read")
+    assert_refused(campaign(0, "--fresh"), "attribute program of /: cannot be read")
+
+
 def test_another_shape_is_found(campaign, output):
     with h5py.File(output, "a") as file:
         values = file["campaign/c001/slip_mean"][:1]

@@ -86,7 +86,8 @@ contains
       end if
    end subroutine keep_failure
 
-   !> True if there is an attribute of this name.
+   !> True if there is an attribute of this name. True also if the file is damaged there: reading
+   !> then raises an error.
    function has_attribute(self, name)
       class(hdf5_object), intent(in) :: self
       character(*), intent(in) :: name
@@ -94,7 +95,7 @@ contains
       integer :: status
 
       call h5aexists_by_name_f(self%file%id, self%path, name, has_attribute, status)
-      has_attribute = has_attribute .and. status >= 0
+      has_attribute = has_attribute .or. status < 0
       call forget_failure()
    end function has_attribute
 
