@@ -209,8 +209,8 @@ contains
    end subroutine predict_positive
 
    !> Fits the process without sign constraint, if mean/std is so large that no value is negative to
-   !> all digits: it then has the largest entropy. Solves nothing if mean/std is smaller, there is no
-   !> such process, or its K(m) have signs that are refused.
+   !> all digits: it then has the largest entropy. Solves nothing if mean/std is smaller, there is
+   !> no such process, or its K(m) have signs that are refused.
    subroutine fit_far_from_zero(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(out) :: model

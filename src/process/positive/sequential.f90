@@ -122,14 +122,17 @@ contains
       real(wp), intent(out) :: values(:, :)   !! (chain, step): fastest for `lanes` chains
       real(wp), allocatable :: u(:), x(:, :)
       real(wp), dimension(size(values, 1)) :: c, factor, hazard
-      integer :: n, n_steps
+      integer :: n, n_steps, q
 
       n_steps = n_burn_in + size(values, 2)
       allocate (u(size(c)*n_steps), x(size(c), 1 - size(a):n_steps))
       call stream%uniforms(u)
       x(:, :0) = start
       do n = 1, n_steps
-         c = offset - matmul(x(:, n - 1:n - size(a):-1), a)
+         c = offset
+         do q = 1, size(a)
+            c = c - a(q)*x(:, n - q)
+         end do
          associate (now => u(size(c)*(n - 1) + 1:size(c)*n))
             if (size(c) == lanes) then
                call draw_truncated_lanes(c, now, x(:, n), hazard, factor)
