@@ -1,40 +1,32 @@
 !> Weighted means of a regression's estimates and plain sampling's, and their standard errors:
 !> formulas (6), (8) and (9) of docs/regression.md.
 module statistics_blend
-   use core_error, only: error_type
    use core_kinds, only: wp
    use statistics_estimates, only: estimates_type, stated_error
-   use statistics_influences, only: case_law_type
-   use statistics_law, only: error_of_points
    implicit none(type, external)
    private
    public :: blend, combine, state_error
 
 contains
 
-   !> Blends the estimates of a regression with those of plain sampling and states their errors. The
-   !> error that the points of the law leave is that of the means of some functions over them.
-   subroutine combine(law, values, fitted, plain, least_share, blended, error)
-      type(case_law_type), intent(in) :: law
-      real(wp), intent(in), contiguous :: values(:, :)   !! (point, output) of the functions
-      type(estimates_type), intent(in) :: fitted         !! estimates of the regression
-      type(estimates_type), intent(inout) :: plain       !! on return times the tail factor
-      real(wp), intent(in) :: least_share(:)             !! (output) least weight of plain sampling
+   !> Blends the estimates of a regression with those of plain sampling and states their errors.
+   pure subroutine combine(n_samples, point_error, fitted, plain, least_share, blended)
+      integer, intent(in) :: n_samples               !! samples of the case
+      real(wp), intent(in) :: point_error(:)         !! (output) error of `fitted` by the points
+      type(estimates_type), intent(in) :: fitted     !! estimates of the regression
+      type(estimates_type), intent(inout) :: plain   !! on return times the tail factor
+      real(wp), intent(in) :: least_share(:)         !! (output) least weight of plain sampling
       type(estimates_type), intent(out) :: blended
-      type(error_type), allocatable, intent(out) :: error
-      real(wp) :: point_error(size(least_share))
       integer :: o
 
       call blend(fitted, plain, least_share, blended)
-      call error_of_points(law, values, point_error, error)
-      if (allocated(error)) return
       allocate (blended%error(size(least_share)), blended%ratio(size(least_share)))
       do o = 1, size(least_share)
          if (allocated(blended%tail_factor)) then
             blended%influence(:, o) = blended%tail_factor(1, o)*blended%influence(:, o)
             plain%influence(:, o) = blended%tail_factor(2, o)*plain%influence(:, o)
          end if
-         call state_error(point_error(o), law%n_samples, blended%influence(:, o), blended%bias(o), &
+         call state_error(point_error(o), n_samples, blended%influence(:, o), blended%bias(o), &
                           plain%influence(:, o), 1.0_wp - blended%share(o), blended%error(o), &
                           blended%ratio(o))
       end do

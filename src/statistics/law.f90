@@ -3,14 +3,14 @@
 !>
 !> Some of the draws are kept, with the means over all draws of polynomials of the inputs: to the
 !> third degree and, for up to 12 inputs, products of two. The kept draws are sorted along one
-!> direction and, in blocks, along a second one; of them M evenly spaced ones are the points. With B
-!> (point, polynomial), the weights
-!>    w = (1 + B (B'B/M)^-1 (mean of B over all draws - mean of B over the points))/M
+!> direction and, in blocks, along a second one; of them M evenly spaced ones are the points. With Q
+!> (point, polynomial), which combines the polynomials such that Q'Q = 1, the weights
+!>    w = 1/M + Q (mean of Q over all draws - mean of Q over the points)
 !> give the polynomials their means over all draws.
 module statistics_law
    use core_error, only: error_type
    use core_kinds, only: wp
-   use numerics_lapack, only: multiply, solve_positive_definite
+   use numerics_lapack, only: find_symmetric_eigenvectors, multiply
    implicit none(type, external)
    private
    public :: draws_type, law_type, choose_points, error_of_points, keep_draws
@@ -20,6 +20,9 @@ module statistics_law
    integer, parameter, public :: n_points = 4096     !! points of a law
    integer, parameter :: points_per_block = 16
    integer, parameter :: n_direction_steps = 8   !! steps of a component, 0 to the largest one
+   !> least eigenvalue of the polynomials' products that counts, over the largest: inputs may depend
+   !> on each other
+   real(wp), parameter :: smallest_eigenvalue = 1.0e-10_wp
 
    !> Draws of a law.
    type :: draws_type
@@ -35,10 +38,10 @@ module statistics_law
       real(wp), allocatable :: weight(:)    !! (point), their sum is 1
       integer :: n_all = 0                  !! number of all draws
       real(wp) :: n_independent = 0.0_wp    !! independent draws with the same error of a mean
-      !> (pair, polynomial) of B: sums of pairs of neighbours, and their differences D B
-      real(wp), allocatable, private :: pair_sum(:, :), difference(:, :)
-      real(wp), allocatable, private :: square(:, :)      !! (polynomial, polynomial) B'B
-      real(wp), allocatable, private :: db_square(:, :)   !! (polynomial, polynomial) B'D'D B
+      real(wp), allocatable, private :: q(:, :)    !! (point, polynomial) Q
+      !> (pair, polynomial) D Q, the differences in pairs of neighbours; (polynomial, polynomial)
+      !> Q'D'D Q
+      real(wp), allocatable, private :: dq(:, :), dq_square(:, :)
    end type law_type
 
 contains
@@ -139,71 +142,39 @@ contains
    end function rough_order
 
    !> Computes the standard errors of means of functions f over the points: of the points among the
-   !> draws, and of the draws. D being the differences in pairs of neighbours and c the coefficients
-   !> of the polynomials fitted to f, |D (f - B c)|^2 = |D f|^2 - c'(2 B'D'D f - B'D'D B c).
-   subroutine error_of_points(law, values, mean_error, error)
+   !> draws, and of the draws. With c = Q'f, |D (f - Q c)|^2 = |D f|^2 - c'(2 Q'D'D f - Q'D'D Q c).
+   subroutine error_of_points(law, values, mean_error)
       class(law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:, :)   !! (point, function) f
       real(wp), intent(out) :: mean_error(:)             !! (function)
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), dimension(size(law%difference, 1), size(mean_error)) :: pair_sum, difference
-      real(wp), dimension(size(law%square, 1), size(mean_error)) :: coefficient, db_f   ! c, B'D'D f
-      real(wp) :: square(size(law%square, 1), size(law%square, 1))
-      real(wp) :: half_square, variance
-      integer :: n, o
+      real(wp) :: difference(size(law%dq, 1), size(mean_error)), rest, square, total
+      real(wp), dimension(size(law%q, 2), size(mean_error)) :: coefficient, product
+      integer :: m, n, o
 
       n = size(values, 1)
       do o = 1, size(mean_error)
-         call pair_up(values(:, o), pair_sum(:, o), difference(:, o))
+         do m = 1, size(difference, 1)
+            difference(m, o) = values(2*m - 1, o) - values(2*m, o)
+         end do
       end do
-      call multiply(law%difference, difference, db_f, transposes_a=.true.)
-      call multiply(law%pair_sum, pair_sum, coefficient, transposes_a=.true.)
-      coefficient = 0.5_wp*(coefficient + db_f)   ! B'f, from sums and differences of pairs
-      square = law%square
-      call solve_positive_definite(square, coefficient, error)
-      if (allocated(error)) return
+      call multiply(law%q, values, coefficient, transposes_a=.true.)
+      call multiply(law%dq, difference, product, transposes_a=.true.)   ! Q'D'D f
       do o = 1, size(mean_error)
-         call find_pair_variances(pair_sum(:, o), difference(:, o), half_square, variance)
-         half_square = half_square - dot_product(coefficient(:, o), 2.0_wp*db_f(:, o) &
-                                                 - matmul(law%db_square, coefficient(:, o))) &
-                       /(2*size(difference, 1))
-         mean_error(o) = sqrt(max(half_square, 0.0_wp)*(1.0_wp/n - 1.0_wp/law%n_all) &
-                              + max(variance, 0.0_wp)/law%n_independent)
+         rest = sum(difference(:, o)**2) &
+                - dot_product(coefficient(:, o), 2.0_wp*product(:, o) &
+                                                 - matmul(law%dq_square, coefficient(:, o)))
+         square = 0.0_wp
+         total = 0.0_wp
+         !$omp simd reduction(+:square, total)
+         do m = 1, n
+            square = square + values(m, o)**2
+            total = total + values(m, o)
+         end do
+         mean_error(o) = sqrt(max(rest, 0.0_wp)/(2*size(difference, 1)) &
+                              *(1.0_wp/n - 1.0_wp/law%n_all) &
+                              + max(square - total**2/n, 0.0_wp)/(n*law%n_independent))
       end do
    end subroutine error_of_points
-
-   !> Computes sums and differences in pairs of neighbours; an odd last value is left out.
-   pure subroutine pair_up(values, pair_sum, difference)
-      real(wp), intent(in), contiguous :: values(:)   !! (point)
-      real(wp), intent(out), contiguous :: pair_sum(:), difference(:)   !! (pair)
-      integer :: m
-
-      do m = 1, size(pair_sum)
-         pair_sum(m) = values(2*m - 1) + values(2*m)
-         difference(m) = values(2*m - 1) - values(2*m)
-      end do
-   end subroutine pair_up
-
-   !> Computes variances from sums and differences in pairs.
-   pure subroutine find_pair_variances(pair_sum, difference, half_square, variance)
-      real(wp), intent(in), contiguous :: pair_sum(:), difference(:)   !! (pair)
-      real(wp), intent(out) :: half_square   !! half the mean square of the differences
-      real(wp), intent(out) :: variance      !! variance of all values
-      real(wp) :: mean, total_square
-      integer :: m
-
-      half_square = 0.0_wp
-      mean = 0.0_wp
-      total_square = 0.0_wp
-      !$omp simd reduction(+:half_square, mean, total_square)
-      do m = 1, size(pair_sum)
-         half_square = half_square + difference(m)**2
-         mean = mean + pair_sum(m)
-         total_square = total_square + pair_sum(m)**2
-      end do
-      variance = ((total_square + half_square)/4 - (mean/2)**2/size(pair_sum))/size(pair_sum)
-      half_square = half_square/(2*size(pair_sum))
-   end subroutine find_pair_variances
 
    !> Computes the weights that give the polynomials their means over all draws; equal weights if
    !> any of them would not be positive.
@@ -211,29 +182,26 @@ contains
       real(wp), intent(in) :: mean(:)   !! (polynomial) over all draws
       type(law_type), intent(inout) :: law
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: b(:, :), square(:, :), missing(:, :)
-      integer :: i, k, n
+      real(wp), allocatable :: b(:, :), basis(:, :), square(:, :)
+      real(wp) :: eigenvalue(size(mean))
+      integer :: k, n
 
       n = size(law%x, 1)
       call find_polynomials(law%x, b)
-      k = size(b, 2)
-      allocate (law%square(k, k), law%db_square(k, k), law%weight(n), missing(k, 1))
-      call multiply(b, b, law%square, transposes_a=.true.)
-      do i = 1, k   ! keeps B'B positive definite if inputs depend on each other
-         law%square(i, i) = law%square(i, i)*(1.0_wp + 1.0e-10_wp)
-      end do
-      missing(:, 1) = n*mean - sum(b, 1)
-      square = law%square
-      call solve_positive_definite(square, missing, error)
+      allocate (square(size(mean), size(mean)))
+      call multiply(b, b, square, transposes_a=.true.)
+      call find_symmetric_eigenvectors(square, eigenvalue, error)
       if (allocated(error)) return
-      law%weight(:) = 1.0_wp + matmul(b, missing(:, 1))
+      k = count(eigenvalue > smallest_eigenvalue*maxval(eigenvalue))
+      basis = square(:, size(mean) - k + 1:) &
+              /spread(sqrt(eigenvalue(size(mean) - k + 1:)), 1, size(mean))
+      allocate (law%q(n, k), law%dq_square(k, k))
+      call multiply(b, basis, law%q)
+      law%weight = 1.0_wp + matmul(law%q, matmul(n*mean - sum(b, 1), basis))
       if (any(law%weight <= 0.0_wp)) law%weight = 1.0_wp
       law%weight = law%weight/sum(law%weight)
-      allocate (law%pair_sum(n/2, k), law%difference(n/2, k))
-      do i = 1, k
-         call pair_up(b(:, i), law%pair_sum(:, i), law%difference(:, i))
-      end do
-      call multiply(law%difference, law%difference, law%db_square, transposes_a=.true.)
+      law%dq = law%q(:n - 1:2, :) - law%q(2::2, :)
+      call multiply(law%dq, law%dq, law%dq_square, transposes_a=.true.)
    end subroutine find_point_weights
 
    pure integer function count_polynomials(n_inputs)

@@ -9,6 +9,7 @@ module statistics_scalars
                                    normal_95, sort_percentiles, upward_error
    use statistics_influences, only: case_law_type, prepare_law, tail_ratio
    use statistics_kernel_choice, only: choose_kernel
+   use statistics_law, only: error_of_points
    use statistics_pool, only: over_all_samples, pool_type, least_plain_share
    use statistics_regression, only: law_deviation, law_mean, law_percentile
    use statistics_sensitivity, only: find_sensitivity
@@ -56,7 +57,6 @@ contains
          call estimate_moments(case_number, estimates(:, :, case_number))
          if (allocated(error)) return
          call estimate_percentiles(case_number, estimates(:, :, case_number))
-         if (allocated(error)) return
       end do
 
    contains
@@ -66,6 +66,7 @@ contains
          type(statistic_type), intent(inout) :: best(:, :)   !! (number, statistic)
          type(estimates_type) :: fitted, sampled, blended
          real(wp) :: values(size(law%weight), n_numbers)
+         real(wp) :: point_error(n_numbers)
          real(wp) :: m(n_numbers)   ! upper end of the interval of a fraction's mean, at most 1/2
          integer :: i
 
@@ -75,8 +76,9 @@ contains
             call law_mean(surrogate, fit, law, values, fitted)
             sampled = over_all_samples(pool, case_number, plain_mean(own), &
                                        plain(:, 1, case_number)%value)
-            call combine(law, values, fitted, sampled, [(0.0_wp, i=1, n_numbers)], blended, error)
-            if (allocated(error)) return
+            call error_of_points(law, values, point_error)
+            call combine(law%n_samples, point_error, fitted, sampled, &
+                         [(0.0_wp, i=1, n_numbers)], blended)
             best(:, 1) = nonnegative_statistic(blended%value, blended%error, blended%ratio)
             where (is_fraction) best(:, 1)%error = &
                min(best(:, 1)%error, error_limit(best(:, 1)%value, sampled%value, law%n_samples))
@@ -90,9 +92,9 @@ contains
                values(:, i) = (values(:, i) - dot_product(law%weight, values(:, i)))**2 &
                               /(2.0_wp*fitted%value(i))
             end do
-            call combine(law, values, fitted, sampled, least_plain_share(residual, own), blended, &
-                         error)
-            if (allocated(error)) return
+            call error_of_points(law, values, point_error)
+            call combine(law%n_samples, point_error, fitted, sampled, &
+                         least_plain_share(residual, own), blended)
             best(:, last) = nonnegative_statistic(blended%value, blended%error, blended%ratio)
             m = max(0.0_wp, min(best(:, 1)%value + normal_95*best(:, 1)%error, 0.5_wp))
             ! the standard deviation of a fraction of mean m is sqrt(m - m**2) at most
@@ -107,7 +109,8 @@ contains
          type(statistic_type), intent(inout) :: best(:, :)   !! (number, statistic)
          type(estimates_type) :: fitted, sampled, blended
          real(wp), dimension(size(law%weight), n_numbers) :: point_influence, values
-         real(wp) :: ends(2), least_share(n_numbers), tail(2, n_numbers)
+         real(wp), dimension(n_numbers) :: least_share, point_error
+         real(wp) :: ends(2), tail(2, n_numbers)
          integer :: i, p
 
          call predict(transformed_fit, law%rows, values)
@@ -130,8 +133,8 @@ contains
                                                                  law%n_samples, share_below(p)), &
                                                 0.0_wp, values(:, i) <= fitted%value(i))
                end do
-               call combine(law, point_influence, fitted, sampled, least_share, blended, error)
-               if (allocated(error)) return
+               call error_of_points(law, point_influence, point_error)
+               call combine(law%n_samples, point_error, fitted, sampled, least_share, blended)
                do i = 1, n_numbers
                   ends = blended%error(i)*blended%stretch(:, i)
                   if (share_below(p) > 0.5_wp) ends(2) = upward_error(blended%value(i), ends(2))

@@ -72,7 +72,6 @@ contains
          if (allocated(error)) return
          call prepare_thin_points(surrogate, law)
          call estimate_case(case_number, spectra(:, :, case_number), integrals(:, case_number))
-         if (allocated(error)) return
       end do
 
    contains
@@ -108,7 +107,6 @@ contains
             call predict(fits(k), law%rows, values(:, :n))
             call estimate_means(case_number, k, spectrum(first:last, 1), sums(1), &
                                 point_influence(:, 1))
-            if (allocated(error)) return
             allocate (ranking(law%last - law%first + 1, n), tail(2, n))
             do f = 1, n
                tail(:, f) = tail_ratio(law, values(:, f), fits(k)%predicted(:, f))
@@ -118,7 +116,6 @@ contains
                call estimate_percentiles(case_number, k, s, ranking, tail, &
                                          spectrum(first:last, s), sums(s), &
                                          point_influence(:, s))
-               if (allocated(error)) return
             end do
             do f = first, last
                call sort_percentiles(spectrum(f, 2:size(sums)))
@@ -131,8 +128,7 @@ contains
          n = size(sums)
          point_influence(:, n + 1) = point_influence(:, n)/sums(n)%value &
                                      - point_influence(:, 2)/sums(2)%value
-         call error_of_points(law, point_influence, point_error, error)
-         if (allocated(error)) return
+         call error_of_points(law, point_influence, point_error)
          do s = 1, n
             integral(s)%value = sums(s)%value
             call state_error(point_error(s), law%n_samples, sums(s)%influence, sums(s)%bias, &
@@ -152,6 +148,7 @@ contains
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: point_influence(:)       !! on the integral
          type(estimates_type) :: fitted, sampled, blended
+         real(wp) :: point_error(size(best))
          integer :: first, last, n, o
 
          n = size(best)
@@ -166,8 +163,8 @@ contains
             end do
             call law_mean_of_exponential(surrogate, fits(k), law, averaged(:, :n), own, fitted)
          end associate
-         call combine(law, averaged(:, :n), fitted, sampled, [(0.0_wp, o=1, n)], blended, error)
-         if (allocated(error)) return
+         call error_of_points(law, averaged(:, :n), point_error)
+         call combine(law%n_samples, point_error, fitted, sampled, [(0.0_wp, o=1, n)], blended)
          do o = 1, n
             point_influence = point_influence + (step*(1.0_wp - blended%share(o)))*averaged(:, o)
          end do
@@ -187,6 +184,7 @@ contains
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: point_influence(:)       !! on the integral
          type(estimates_type) :: fitted, sampled, blended
+         real(wp) :: point_error(size(best))
          integer :: first, last, n, o
 
          n = size(best)
@@ -202,9 +200,9 @@ contains
                averaged(:, o) = merge(-inverse_density(sampled%influence(:, o), law%n_samples, p), &
                                       0.0_wp, values(:, o) <= fitted%value(o))
             end do
-            call combine(law, averaged(:, :n), fitted, sampled, least_plain_share(residual, own), &
-                         blended, error)
-            if (allocated(error)) return
+            call error_of_points(law, averaged(:, :n), point_error)
+            call combine(law%n_samples, point_error, fitted, sampled, &
+                         least_plain_share(residual, own), blended)
          end associate
          best%value = exp(blended%value)
          best%low = exp(blended%value - normal_95*blended%error*blended%stretch(1, :))
