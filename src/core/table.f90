@@ -8,8 +8,8 @@ module core_table
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    implicit none(type, external)
    private
-   public :: data_line, heading_hint, next_word, parse_row, parse_rows, read_table, &
-             separate_commas, table_type, words_of
+   public :: data_line, heading_hint, next_word, parse_row, parse_rows, read_table, table_type, &
+             words_of
 
    character(*), parameter :: white = ' '//achar(9)//achar(13)
    character(*), parameter :: blanks = white//';'
