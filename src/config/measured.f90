@@ -35,8 +35,7 @@ contains
       allocate (values(longest_record), records(source%n_lines()))
       n_records = 0
       do number = 1, source%n_lines()
-         call parse_row(data_line(source, number, number_marks), 1, values, n, rule, &
-                        has_gaps=.true.)
+         call parse_row(data_line(source, number, number_marks), 1, .true., values, n, rule)
          if (allocated(rule)) then
             line = source%line(number)
             call complaints%add_general(path//':'//to_text(number)//': '// &

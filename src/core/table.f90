@@ -67,7 +67,7 @@ contains
       do number = 1, source%n_lines()
          line = data_line(source, number, marks)
          if (len(line) <= longest_line) then
-            call parse_row(line, fewest, values, n, rule)
+            call parse_row(line, fewest, .false., values, n, rule)
          else
             rule = 'the line is too long'
          end if
@@ -145,13 +145,13 @@ contains
    end subroutine separate_commas
 
    !> Reads the n values of a line; `rule` is allocated if the line is bad.
-   pure subroutine parse_row(line, fewest, values, n, rule, has_gaps)
+   pure subroutine parse_row(line, fewest, has_gaps, values, n, rule)
       character(*), intent(in) :: line
       integer, intent(in) :: fewest
+      logical, intent(in) :: has_gaps        !! true: `nan` is a value
       real(wp), intent(inout) :: values(:)   !! the first n are set
       integer, intent(out) :: n
       character(:), allocatable, intent(out) :: rule
-      logical, intent(in), optional :: has_gaps   !! true: `nan` is a value
       character(:), allocatable :: text
       integer :: first, last
 
@@ -168,7 +168,7 @@ contains
          else
             call parse_real(text(first:last), values(n), rule)
             if (.not. allocated(rule)) cycle
-            if (present(has_gaps) .and. lowered(text(first:last)) == 'nan') then
+            if (has_gaps .and. lowered(text(first:last)) == 'nan') then
                values(n) = ieee_value(values(n), ieee_quiet_nan)
                deallocate (rule)
             else
