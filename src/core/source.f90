@@ -6,7 +6,7 @@ module core_source
    private
    public :: source_type, byte_order_mark, find_beside, is_hdf5_file, new_source, read_source
 
-   integer, parameter :: line_feed = 10
+   integer, parameter :: carriage_return = 13, line_feed = 10
    !> Byte order mark with which some editors begin UTF-8 text.
    character(*), parameter :: byte_order_mark = char(239)//char(187)//char(191)
    character(*), parameter :: not_text = 'is not plain text: HDF5, UTF-16 or another binary format'
@@ -112,6 +112,8 @@ contains
          refusal = 'cannot be read: '//trim(reason)
       else if (index(text, achar(0)) > 0) then
          refusal = not_text
+      else if (index(text, achar(carriage_return)) > 0 .and. index(text, achar(line_feed)) == 0) then
+         refusal = 'ends its lines with CR alone, not with LF or CR LF'
       else
          source = new_source(path, text)
       end if
