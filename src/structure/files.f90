@@ -138,8 +138,8 @@ contains
       n_dofs = merge(2, 0, paths%directions == '')
       call read_table(paths%joints, n_dofs + 3, n_dofs + 4, table, complaints)
       if (complaints%n > n_before .or. table%n_rows == 0) &
-         call complaints%add_general(paths%joints//': must hold one joint or more, one a '// &
-                                     'line: '//columns(merge(1, 13, n_dofs == 2):))
+         call complaints%add_general(paths%joints//': must have a joint on each line, one '// &
+                                     'at least: '//columns(merge(1, 13, n_dofs == 2):))
       if (complaints%n > n_before) return
       structure%n_joints = table%n_rows
       call read_properties(table, n_dofs, structure, complaints)
