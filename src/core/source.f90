@@ -6,7 +6,7 @@ module core_source
    private
    public :: source_type, byte_order_mark, find_beside, is_hdf5_file, new_source, read_source
 
-   integer, parameter :: carriage_return = 13, line_feed = 10
+   character, parameter :: carriage_return = achar(13), line_feed = achar(10)
    !> Byte order mark with which some editors begin UTF-8 text.
    character(*), parameter :: byte_order_mark = char(239)//char(187)//char(191)
    character(*), parameter :: not_text = 'is not plain text: HDF5, UTF-16 or another binary format'
@@ -33,13 +33,13 @@ contains
       source%text = text
       n = 1
       do i = 1, len(text)
-         if (iachar(text(i:i)) == line_feed) n = n + 1
+         if (text(i:i) == line_feed) n = n + 1
       end do
       allocate (source%line_start(n))
       source%line_start(1) = 1
       n = 1
       do i = 1, len(text)
-         if (iachar(text(i:i)) /= line_feed) cycle
+         if (text(i:i) /= line_feed) cycle
          n = n + 1
          source%line_start(n) = i + 1
       end do
@@ -112,7 +112,7 @@ contains
          refusal = 'cannot be read: '//trim(reason)
       else if (index(text, achar(0)) > 0) then
          refusal = not_text
-      else if (index(text, achar(carriage_return)) > 0 .and. index(text, achar(line_feed)) == 0) then
+      else if (scan(text, carriage_return) > 0 .and. scan(text, line_feed) == 0) then
          refusal = 'ends its lines with CR alone, not with LF or CR LF'
       else
          source = new_source(path, text)
