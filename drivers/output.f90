@@ -15,8 +15,8 @@ module driver_output
    use core_text, only: counted, to_text
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
-   use io_earlier_results, only: case_errors, refuse_replacement, count_stored_samples, &
-                                 read_errors, stored_in_results
+   use io_earlier_results, only: case_errors, count_stored_samples, read_errors, &
+                                 refuse_replacement, stored_in_results
    use io_files, only: exists, follow_links, remove_file
    use io_lock, only: lock_type, take_lock
    use io_shards, only: finished_samples, list_shards, sort_shards, shard_path, read_shard, &

@@ -1,11 +1,11 @@
 !> Tables of numbers in text files. A line is a row; blanks, commas or semicolons separate its
 !> values. A comment begins with # or !.
 module core_table
+   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use core_complaints, only: blank_hint, complaint_list, printable
    use core_kinds, only: wp
    use core_source, only: byte_order_mark, read_source, source_type
    use core_text, only: lowered, no_number, parse_real, to_text
-   use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    implicit none(type, external)
    private
    public :: data_line, heading_hint, next_word, parse_row, parse_rows, read_table, table_type, &

@@ -14,7 +14,7 @@ module io_earlier_results
    use io_shards, only: finished_samples, shard_type
    implicit none(type, external)
    private
-   public :: refuse_replacement, count_stored_samples, stored_in_results
+   public :: count_stored_samples, refuse_replacement, stored_in_results
    public :: case_errors, read_errors
 
    !> End of an error of a damaged file.
