@@ -178,7 +178,6 @@ contains
          associate (ops => self%operators, modes => self%modes(:, :, :, g), x => self%paths%x, &
                     u => self%paths%layer(0), v => self%paths%layer(1), &
                     regime => self%paths%regime)
-            if (self%keeps_ledger) call ops%ledger%start_part(g, rows, force, modes)
             call advance_blocks(ops, rows, force, self%keeps_ledger, modes, self%midpoint, &
                                 self%rates(:, :, :, g))
             call find_paths(ops, joints, rows, modes, self%midpoint, x(first, 1, u), &
@@ -279,20 +278,21 @@ contains
    !> See base_system. Adds the motion of the sliders to the modes at the end of the part (M6).
    subroutine end_part(self)
       class(modal_form), intent(inout) :: self
-      real(wp) :: added(lanes, 2)
+      real(wp) :: force(lanes, self%operators%n_forces, 0:1), work(lanes, 2)
       integer :: g
 
       do g = 1, self%n_groups
-         associate (sliders => self%sliders, modes => self%modes(:, :, :, g), &
-                    work_done => self%work_done(lanes*(g - 1) + 1:lanes*g, :))
+         associate (sliders => self%sliders, rows => size(self%modes, 2), &
+                    first => lanes*(g - 1) + 1, last => lanes*g)
             call add_slider_motion(self%operators, sliders%moving(:sliders%n_moving(g), g), &
-                                   sliders%moments(:, :, :, g), self%keeps_ledger, size(modes, 2), &
-                                   self%slider_moments, modes)
+                                   sliders%moments(:, :, :, g), self%keeps_ledger, rows, &
+                                   self%slider_moments, self%modes(:, :, :, g))
             if (.not. self%keeps_ledger) cycle
-            added = 0.0_wp
-            call self%operators%ledger%add_part(g, size(modes, 2), modes, self%slider_moments, &
-                                                self%rates(:, :, :, g), added)
-            work_done = work_done + added
+            force = self%paths%force(first:last, :, :)
+            work = self%work_done(first:last, :)
+            call self%operators%ledger%add_part(rows, force, self%slider_moments, &
+                                                self%rates(:, :, :, g), work)
+            self%work_done(first:last, :) = work
          end associate
       end do
       call self%paths%exchange_ends()

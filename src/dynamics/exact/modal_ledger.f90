@@ -6,7 +6,7 @@
 module dynamics_exact_modal_ledger
    use core_kinds, only: wp
    use dynamics_exact_modal_blocks, only: modal_blocks
-   use dynamics_exact_modal_terms, only: groups, lanes
+   use dynamics_exact_modal_terms, only: lanes
    use dynamics_exact_transitions, only: integral
    use numerics_lapack, only: unit_matrix
    implicit none(type, external)
@@ -22,19 +22,15 @@ module dynamics_exact_modal_ledger
       integer, private :: ports = 1
       real(wp), private :: scale = 0.0_wp                !! 1/h^2 [1/s^2]
       real(wp), allocatable, private :: load(:, :)       !! h^2 Phi' b (row, force)
-      real(wp), allocatable, private :: outputs(:, :)   !! rows of X where a force acts (row, force)
-      !> (item, force, block) factors of the integral of X - X(0)
-      real(wp), allocatable, private :: area(:, :, :)
+      !> (item, force, 0:1, block) factors of the integrals of X' and of t X', X where a force acts
+      real(wp), allocatable, private :: motion(:, :, :, :)
       !> (1:2, pair) pairs of blocks: each with itself and then with those that N couples it with;
       !> (item of the first, item of the second, pair) the form, doubled except for the diagonal of
       !> a block with itself
       integer, allocatable, private :: pair(:, :)
       real(wp), allocatable, private :: form(:, :, :)
-      !> (lane, force, group) X(0) of the present part, and (lane, force, 0:1, group) its forces
-      real(wp), allocatable, private :: place(:, :, :), force(:, :, :, :)
    contains
       procedure :: prepare
-      procedure :: start_part
       procedure :: add_part
    end type modal_ledger
 
@@ -51,7 +47,7 @@ contains
       real(wp), parameter :: negligible = 1.0e-10_wp   !! coupling of two blocks over v'v
       real(wp) :: metric(2*size(damping, 1), 2*size(damping, 1))
       real(wp) :: largest(2*size(damping, 1))   ! state variable, for (q, q') of norm 1
-      real(wp), allocatable :: area(:, :), form(:, :)
+      real(wp), allocatable :: form(:, :), motion(:, :), outputs(:, :)
       integer :: b, c, i, n, n_modes
 
       n_modes = size(damping, 1)
@@ -59,28 +55,28 @@ contains
       self%ports = blocks%ports
       self%scale = 1.0_wp/h**2
       self%load = blocks%inputs(load)
-      self%outputs = transpose(blocks%outputs(transpose(load), .false.))
-      allocate (self%place(lanes, size(load, 2), groups))
-      allocate (self%force(lanes, size(load, 2), 0:1, groups))
+      outputs = transpose(blocks%outputs(transpose(load), .false.))   ! (row, force)
       metric = blocks%metric(damping)
       largest = norm2(blocks%inverse, 2)
       n = 2 + blocks%ports*size(fit, 1)
-      allocate (self%pair(2, 0), self%form(n, n, 0), self%area(n, size(load, 2), n_modes))
+      allocate (self%pair(2, 0), self%form(n, n, 0), self%motion(n, size(load, 2), 0:1, n_modes))
       do b = 1, n_modes
          do c = b, n_modes
             associate (of_b => [2*b - 1, 2*b], of_c => [2*c - 1, 2*c])
                if (c > b .and. maxval(abs(metric(of_b, of_c)))*maxval(largest(of_b)) &
                    *maxval(largest(of_c)) <= negligible) cycle
             end associate
-            call find_form(blocks, metric, [(i, i=b, c, max(1, c - b))], fit, form, area)
+            call find_form(blocks, metric, [(i, i=b, c, max(1, c - b))], fit, form, motion)
             self%pair = reshape([self%pair, b, c], [2, size(self%pair, 2) + 1])
             self%form = reshape([self%form, 2.0_wp*form], [n, n, size(self%pair, 2)])
             if (c > b) cycle
             do i = 1, n
                self%form(i, i, size(self%form, 3)) = form(i, i)
             end do
-            associate (outputs => self%outputs(self%ports*(b - 1) + 1:self%ports*b, :))
-               self%area(:, :, b) = matmul(area(:, :self%ports), outputs)
+            associate (ports => outputs(self%ports*(b - 1) + 1:self%ports*b, :), &
+                       rise => motion(:, :self%ports), area => motion(:, 3:2 + self%ports))
+               self%motion(:, :, 0, b) = matmul(rise, ports)
+               self%motion(:, :, 1, b) = matmul(rise - area, ports)   ! by parts
             end associate
          end do
       end do
@@ -90,13 +86,13 @@ contains
    !> series over 2^-s of the part and s doublings W(2t) = W(t) + exp(A't) W(t) exp(At). The state
    !> has p' of each block, p'' = A p' + B f', the derivatives of the polynomial f with the moments,
    !> and of the first block P' = p' and R' = P.
-   pure subroutine find_form(blocks, metric, chosen, fit, form, area)
+   pure subroutine find_form(blocks, metric, chosen, fit, form, motion)
       type(modal_blocks), intent(in) :: blocks
       real(wp), intent(in) :: metric(:, :)     !! N
       integer, intent(in) :: chosen(:)
       real(wp), intent(in) :: fit(0:, 0:)      !! see prepare
       real(wp), allocatable, intent(out) :: form(:, :)   !! (item of the first, of the last block)
-      real(wp), allocatable, intent(out) :: area(:, :)   !! R (item of the first block, 1:2)
+      real(wp), allocatable, intent(out) :: motion(:, :)   !! P, R (item of the first block, 1:4)
       integer, parameter :: n_terms = 16       !! 0.25^16/16! = 1e-23
       real(wp), allocatable, dimension(:, :) :: a, change, moments, q, term, w
       real(wp) :: t
@@ -147,62 +143,41 @@ contains
          change = matmul(change, change)
       end do
       form = matmul(transpose(moments), matmul(w(:n, m - n + 1:m), moments))
-      area = transpose(matmul(change(m + 3:, :n), moments))
+      motion = transpose(matmul(change(m + 1:, :n), moments))
    end subroutine find_form
 
-   !> Keeps the forces of a part, and the displacements at its start where forces act.
-   pure subroutine start_part(self, g, rows, force, modes)
-      class(modal_ledger), intent(inout) :: self
-      integer, intent(in) :: g, rows                     !! group of lanes
-      real(wp), intent(in) :: force(lanes, size(self%load, 2), 0:1)   !! value and rise [N]
-      real(wp), intent(in) :: modes(lanes, rows, *)      !! see modal_form
-      integer :: f
-
-      self%force(:, :, :, g) = force
-      do f = 1, size(self%load, 2)
-         call multiply(size(self%load, 1), self%outputs(:, f), modes, self%place(:, f, g))
-      end do
-   end subroutine start_part
-
-   !> Adds the work of a group of lanes over the part, without the growth of v'v (M9). Input is, by
-   !> parts, F(1) X(1) - F(0) X(0) - F' times the integral of X, summed over the forces.
-   pure subroutine add_part(self, g, rows, modes, slider_moments, rates, work)
+   !> Adds the work of a group of lanes over the part, without the growth of v'v (M9).
+   pure subroutine add_part(self, rows, force, slider_moments, rates, work)
       class(modal_ledger), intent(in) :: self
-      integer, intent(in) :: g, rows
-      real(wp), intent(in) :: modes(lanes, rows, *)     !! modes at the end
-      real(wp), intent(in) :: slider_moments(lanes, rows, 0:*)   !! S I
-      real(wp), intent(in) :: rates(lanes, 2, *)        !! p' at the start
+      integer, intent(in) :: rows
+      real(wp), intent(in) :: force(lanes, size(self%load, 2), 0:1)   !! value and rise [N]
+      real(wp), intent(in) :: slider_moments(lanes, rows, 0:*)        !! S I
+      real(wp), intent(in) :: rates(lanes, 2, *)     !! p' at the start
       real(wp), intent(inout) :: work(lanes, 2)      !! input, viscous
       real(wp), dimension(lanes, most_items) :: first, second   ! a constant extent aligns them
-      real(wp), dimension(lanes) :: added, lost, place
-      real(wp), dimension(lanes, size(self%load, 2)) :: area
-      integer :: b, e, f, n
+      real(wp), dimension(lanes) :: done, lost
+      integer :: b, e, f, k, n
 
-      n = size(self%area, 1)
-      area = self%place(:, :, g)
+      n = size(self%motion, 1)
+      done = 0.0_wp
       lost = 0.0_wp
       do e = 1, size(self%pair, 2)
          b = self%pair(1, e)
          if (self%pair(2, e) == b) then
             call find_items(b, first)
             call add_form(n, .true., self%form(:, :, e), first, first, lost)
-            do f = 1, size(self%load, 2)
-               call multiply(n, self%area(:, f, b), first, added)
-               area(:, f) = area(:, f) + added
+            do k = 0, 1
+               do f = 1, size(self%load, 2)
+                  call add_input(n, self%motion(:, f, k, b), first, force(:, f, k), done)
+               end do
             end do
          else
             call find_items(self%pair(2, e), second)
             call add_form(n, .false., self%form(:, :, e), first, second, lost)
          end if
       end do
+      work(:, 1) = work(:, 1) + self%scale*done
       work(:, 2) = work(:, 2) + self%scale*lost
-      do f = 1, size(self%load, 2)
-         call multiply(size(self%load, 1), self%outputs(:, f), modes, place)
-         associate (before => self%force(:, f, 0, g), rise => self%force(:, f, 1, g))
-            work(:, 1) = work(:, 1) + self%scale*((before + rise)*place &
-                                                  - before*self%place(:, f, g) - rise*area(:, f))
-         end associate
-      end do
 
    contains
 
@@ -217,7 +192,7 @@ contains
          do row = self%ports*(block - 1) + 1, self%ports*block
             rise = 0.0_wp
             do f = 1, size(self%load, 2)
-               rise = rise + self%load(row, f)*self%force(:, f, 1, g)
+               rise = rise + self%load(row, f)*force(:, f, 1)
             end do
             column = 2 + row - self%ports*(block - 1)
             do k = 0, (n - 2)/self%ports - 1
@@ -248,17 +223,19 @@ contains
       total = total + all
    end subroutine add_form
 
-   !> Finds the sum of items times factors.
-   pure subroutine multiply(n, factor, item, total)
+   !> Adds a force times the sum of items times factors.
+   pure subroutine add_input(n, factor, item, force, total)
       integer, intent(in) :: n
-      real(wp), intent(in) :: factor(n), item(lanes, *)
-      real(wp), intent(out) :: total(lanes)
+      real(wp), intent(in) :: factor(n), item(lanes, n), force(lanes)
+      real(wp), intent(inout) :: total(lanes)
+      real(wp) :: share(lanes)
       integer :: i
 
-      total = 0.0_wp
+      share = 0.0_wp
       do i = 1, n
-         total = total + factor(i)*item(:, i)
+         share = share + factor(i)*item(:, i)
       end do
-   end subroutine multiply
+      total = total + force*share
+   end subroutine add_input
 
 end module dynamics_exact_modal_ledger
