@@ -10,7 +10,7 @@ module dynamics_joint
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: count_open_slips, enter_transition, find_open_sliders, slider_at, slip_direction
+   public :: count_open_slips, enter_transition, slider_at, slip_direction
 
 contains
 
@@ -50,23 +50,6 @@ contains
       state%stick_starts(joint, sample) = state%stick_starts(joint, sample) + (1 - starts)
       if (state%keeps_transitions) call state%transitions(sample)%append(time, joint, direction)
    end subroutine enter_transition
-
-   !> Finds the sliders of slipping joints, which move with w.x.
-   pure subroutine find_open_sliders(structure, state)
-      type(structure_type), intent(in) :: structure
-      type(block_state), intent(inout) :: state
-      integer :: j, w
-
-      do w = 1, state%n_samples
-         do j = 1, state%n_joints
-            if (state%direction(j, w) == 0) cycle
-            state%slider(j, w) = slider_at(dot_product(structure%direction(:, j), &
-                                                       state%displacement(:, w)), &
-                                           state%direction(j, w), &
-                                           state%slip_limit(j, w)/structure%joint_stiffness(j))
-         end do
-      end do
-   end subroutine find_open_sliders
 
    !> Counts the present slips up to now, before slip times and distances are read.
    pure subroutine count_open_slips(structure, time, state)

@@ -7,7 +7,7 @@ module dynamics_exact_block_march
    use dynamics_exact_joint_paths, only: joint_paths, regime_slider, width
    use dynamics_exact_transitions, only: clear, examine, find_next, group_size, plain, &
                                          apply_response, load_candidates, transition_group
-   use dynamics_joint, only: find_open_sliders
+   use dynamics_joint, only: slider_at
    use dynamics_response, only: block_state, marcher_type
    implicit none(type, external)
    private
@@ -86,15 +86,30 @@ contains
             state%work_input(first:last) = base%work_done(:last - first + 1, 1)
             state%work_viscous(first:last) = base%work_done(:last - first + 1, 2)
             call base%store_state(state)
-            state%slider(:, first:last) = transpose(base%paths%regime(:last - first + 1, &
-                                                                      :state%n_joints, &
-                                                                      regime_slider))
+            call store_sliders(base%paths, structure%joint_stiffness, state)
          end do
-         call find_open_sliders(structure, state)
          state%step = state%step + ubound(force, 1)
          state%internal_step = state%step
       end associate
    end subroutine advance
+
+   !> Copies the sliders of all samples to the block. Those of slipping joints move with the paths.
+   pure subroutine store_sliders(paths, joint_stiffness, state)
+      type(joint_paths), intent(in) :: paths
+      real(wp), intent(in) :: joint_stiffness(:)   !! (joint) k [N/m]
+      type(block_state), intent(inout) :: state
+      integer :: l, w
+
+      do l = 1, paths%n_samples
+         w = paths%first_sample + l - 1
+         associate (direction => state%direction(:, w))
+            state%slider(:, w) = merge(paths%regime(l, :paths%n_joints, regime_slider), &
+                                       slider_at(paths%x(l, paths%row, paths%layer(0)), direction, &
+                                                 state%slip_limit(:, w)/joint_stiffness), &
+                                       direction == 0)
+         end associate
+      end do
+   end subroutine store_sliders
 
    !> Finds if the block has the internal state of this march now, and allocates it if not.
    pure subroutine find_internal(base, state)

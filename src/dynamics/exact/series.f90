@@ -217,7 +217,9 @@ contains
       end do
       series%n_rows = series%n_dof + series%n_links
       mass = structure%lumped_mass()
-      series%links = sparse_of(transpose(structure%direction(:, first_joint(:series%n_links))))
+      series%links = sparse_of(reshape([(structure%direction(:, first_joint(k)), &
+                                         k=1, series%n_links)], &
+                                       [series%n_links, series%n_dof], order=[2, 1]))
       series%mobility = series%links%value/mass(series%links%column)
       series%spring = series%h**2*structure%joint_stiffness
       do j = 1, structure%n_joints

@@ -6,7 +6,7 @@
 module dynamics_newmark_block
    use core_kinds, only: long, wp
    use dynamics_alignment, only: aligned_memory
-   use dynamics_joint, only: count_open_slips, enter_transition, find_open_sliders, slider_at
+   use dynamics_joint, only: count_open_slips, enter_transition, slider_at
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
@@ -114,13 +114,15 @@ contains
       integer :: w
 
       do w = 1, block%n_samples
-         associate (motion => block%motion(:, :, block%slot(w), w))
+         associate (motion => block%motion(:, :, block%slot(w), w), row => block%frame%row, &
+                    direction => state%direction(:, w))
             state%velocity(:, w) = motion(:block%frame%n_dof, 2)
             state%displacement(:, w) = motion(:block%frame%n_dof, 3)
-            state%slider(:, w) = block%bounds(block%frame%row, 1, w)
+            state%slider(:, w) = merge(block%bounds(row, 1, w), &
+                                       slider_at(motion(row, 3), direction, block%reach(:, w)), &
+                                       direction == 0)
          end associate
       end do
-      call find_open_sliders(block%frame%structure, state)
       state%step = state%step + ubound(block%force, 1)
       call count_open_slips(block%frame%structure, state%step*block%dt, state)
       if (.not. state%keeps_ledger) return
