@@ -1,5 +1,5 @@
-!> Shared by the tests of the exact march: the paper's chain, random friction and forces, a march
-!> of one block.
+!> Shared by the tests of the exact march: the paper's chain, a march of one block; and by those of
+!> both marches: random friction, random and rough forces.
 module exact_cases
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -12,7 +12,8 @@ module exact_cases
    use reference_case, only: paper_chain
    implicit none(type, external)
    private
-   public :: five_masses, march, paper_dt, random_force, random_friction, use_fewest_parts
+   public :: five_masses, march, paper_dt, random_force, random_friction, refined, rough_forces
+   public :: use_fewest_parts
 
    real(wp), parameter :: paper_dt = 0.00843_wp
 
@@ -82,6 +83,31 @@ contains
       end do
       force = force*sqrt(2.0_wp/harmonics)
    end function random_force
+
+   !> An impulse (one value), a square wave (jumps between two values), a pair of opposite impulses.
+   function rough_forces(n_steps) result(force)
+      integer, intent(in) :: n_steps
+      real(wp) :: force(0:n_steps, 3)
+      integer :: k
+
+      force = 0.0_wp
+      force(20, 1) = 2.0e3_wp
+      force(:, 2) = [(merge(8.0_wp, -8.0_wp, modulo(k, 100) < 50), k=0, n_steps)]
+      force(3:4, 3) = [-1.0e3_wp, 1.0e3_wp]
+   end function rough_forces
+
+   !> Forces, linear between their values, at shorter steps.
+   function refined(force, finer) result(fine)
+      real(wp), intent(in) :: force(0:, :)
+      integer, intent(in) :: finer
+      real(wp) :: fine(0:finer*(size(force, 1) - 1), size(force, 2))
+      integer :: i, k
+
+      do k = 0, ubound(fine, 1)
+         i = min(k/finer, ubound(force, 1) - 1)
+         fine(k, :) = force(i, :) + (force(i + 1, :) - force(i, :))*(k - i*finer)/finer
+      end do
+   end function refined
 
    !> Friction as a campaign draws it: mean 0.2, standard deviation 0.067.
    function random_friction(seed, n, n_samples) result(friction)

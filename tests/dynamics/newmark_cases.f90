@@ -1,4 +1,4 @@
-!> Shared by the tests of Newmark's march: forces, frictions, chains, a march of one sample.
+!> Shared by the tests of Newmark's march: forces, chains, a march of one sample.
 module newmark_cases
    use core_error, only: error_type
    use core_kinds, only: long, wp
@@ -9,7 +9,7 @@ module newmark_cases
    use dynamics_response, only: block_state, marcher_type, start_block
    implicit none(type, external)
    private
-   public :: dt, march, noise, random_chain, random_friction
+   public :: dt, march, noise, random_chain
 
    real(wp), parameter :: dt = 0.00843_wp
    integer(long), parameter :: seed = 20161121_long
@@ -45,16 +45,6 @@ contains
       call noise_force([0.0_wp, 2.5_wp], dt, stream, force(:, 1), error)
       force = sqrt(variance)*force
    end function noise
-
-   function random_friction(n, n_samples) result(friction)
-      integer, intent(in) :: n, n_samples
-      real(wp) :: friction(n, n_samples), u(n*n_samples)
-      type(stream_type) :: stream
-
-      stream = new_stream(seed, label_of('friction'), n)
-      call stream%uniforms(u)
-      friction = reshape(0.05_wp + 0.3_wp*u, [n, n_samples])
-   end function random_friction
 
    !> Chain whose properties differ by less than a factor of two from the paper's.
    subroutine random_chain(n, number, chain)
