@@ -19,9 +19,9 @@ module process_estimate
    use numerics_lapack, only: multiply, solve_positive_definite, unit_matrix
    use numerics_sorting, only: sort_order
    use numerics_statistics, only: mean_of => mean, standard_deviation
-   use process_autoregressive_fit, only: optimal_reflection
+   use process_autoregressive_fit, only: equal_reflection
    use process_autoregressive_model, only: autocovariance_of
-   use process_autoregressive_sums, only: correlation_sums, sum_correlation
+   use process_autoregressive_sums, only: correlation_sums, positive_sums
    use process_fit, only: fit_process
    use process_model, only: process_model_type, process_moments, process_request
    use process_realization, only: draw_points
@@ -83,7 +83,7 @@ module process_estimate
 contains
 
    !> Estimates the process of the records, a positive one if no value is negative. Fails if
-   !> there are too few values, if all are equal, or if no process has the estimates.
+   !> `check_values` does, or if no process has the estimates.
    subroutine estimate_process(records, seed, estimate, error)
       type(measured_record), intent(in) :: records(:)
       integer(long), intent(in) :: seed   !! seed of the realizations
@@ -93,12 +93,13 @@ contains
       type(trial_type), allocatable :: trials(:)
       type(fit_type), allocatable :: fits(:), refits(:)   ! (column)
       real(wp), allocatable :: values(:, :), realizations(:, :)   ! (value, column)
+      integer :: i
 
       call collect_values(records, values, groups, estimate)
-      call check_values(values(:, 1), error)
+      call check_values(records, values(:, 1), error)
       if (allocated(error)) return
-      call list_trials(size(values, 1), largest_lag(groups), trials, error)
-      if (allocated(error)) return
+      call list_trials(size(values, 1), maxval([(maxval(groups(i)%point), i=1, size(groups))]), &
+                       trials)
       call fit_columns(values, groups, trials, fits, error)
       if (allocated(error)) return
       estimate%process_moments = fits(1)%process_moments
@@ -166,54 +167,59 @@ contains
       groups = [groups, piece_group(point, [row])]
    end subroutine add_piece
 
-   pure subroutine check_values(values, error)
-      real(wp), intent(in) :: values(:)
+   !> Fails if there are too few values, if all are equal, or if the first number of each record, or
+   !> all numbers of the only one, are an index: at least four with equal steps.
+   pure subroutine check_values(records, values, error)
+      type(measured_record), intent(in) :: records(:)
+      real(wp), intent(in) :: values(:)   !! those of all records, without gaps
       type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: rounding = 1.0e-3_wp   ! of times with few digits, over their step
+      real(wp), allocatable :: column(:)
+      integer :: i, n
 
+      column = values
+      if (size(records) > 1) column = [(records(i)%value(1), i=1, size(records))]
+      column = pack(column, mask=.not. ieee_is_nan(column))
+      n = size(column)
       if (size(values) < fewest_values) then
          call raise(error, exit_bad_input, counted(size(values), 'value', 'values')// &
                     ': an estimate needs '//to_text(fewest_values))
       else if (.not. maxval(values) > minval(values)) then
          call raise(error, exit_bad_input, 'all values are '//to_text(values(1))// &
                     ': they must scatter')
+      else if (n >= 4) then
+         if (all(abs(column(3:) - 2.0_wp*column(2:n - 1) + column(:n - 2)) &
+                 < rounding*abs(column(2) - column(1)))) &
+            call raise(error, exit_bad_input, 'the numbers '//to_text(column(1))//', '// &
+                       to_text(column(2))//', '//to_text(column(3))//', ... are an index, not '// &
+                       'measured values: leave them out')
       end if
    end subroutine check_values
-
-   !> Largest distance of two points of one piece, but at least the number of tested lags.
-   pure integer function largest_lag(groups)
-      type(piece_group), intent(in) :: groups(:)
-      integer :: i
-
-      largest_lag = max(n_lags_tested, maxval([(maxval(groups(i)%point), i=1, size(groups))]))
-   end function largest_lag
 
    !> Lists the trials: white noise, then every order with L0 from the shortest to the longest,
    !> as long as L1 is at most a third of the number of values. A longer correlation can hardly be
    !> distinguished from a change of the mean.
-   subroutine list_trials(n_values, n_lags, trials, error)
-      integer, intent(in) :: n_values, n_lags
+   pure subroutine list_trials(n_values, largest_lag, trials)
+      integer, intent(in) :: n_values, largest_lag
       type(trial_type), allocatable, intent(out) :: trials(:)
-      type(error_type), allocatable, intent(out) :: error
       type(trial_type) :: trial
       type(correlation_sums) :: sums
       real(wp), allocatable :: kappa(:)
       integer :: i, k
 
       trial%order = 1
-      allocate (trial%correlation(0:n_lags), source=0.0_wp)
+      allocate (trial%correlation(0:max(largest_lag, n_lags_tested)), source=0.0_wp)
       trial%correlation(0) = 1.0_wp
       trials = [trial]
       do i = 1, size(orders)
          trial%order = orders(i)
          do k = 0, nint(lengths_per_decade*log10(longest/shortest))
             trial%l0 = shortest*10.0_wp**(real(k, wp)/lengths_per_decade)
-            call optimal_reflection(process_request(correlation_length=trial%l0, &
-                                                    order=trial%order), kappa, error)
-            if (.not. allocated(error)) call sum_correlation(kappa, sums, error)
-            if (allocated(error)) return
+            kappa = equal_reflection(trial%l0, trial%order)
+            sums = positive_sums(kappa)
             trial%l1 = sums%l1
             if (trial%l1 > n_values/3.0_wp) exit
-            trial%correlation(:) = autocovariance_of(kappa, n_lags)
+            trial%correlation(:) = autocovariance_of(kappa, ubound(trial%correlation, 1))
             trials = [trials, trial]
          end do
       end do

@@ -37,7 +37,6 @@ contains
       type(process_model_type), intent(in) :: model   !! solved
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: values(:)              !! (point) [unit of X]
-      real(wp) :: chain(1, size(values))
 
       if (.not. model%is_solved) error stop 'draw_points: the process is not solved'
       if (is_reference(model%request)) then
@@ -57,8 +56,7 @@ contains
          call draw_window(model%g, model%mu*(model%g(0) + 2.0_wp*sum(model%g(1:))), model%mean, &
                           model%memory, sweeps_of(model), stream, values)
       else if (is_sequential(model)) then
-         call draw_sequential(model, stream, chain)
-         values = chain(1, :)
+         call draw_sequential(model, 1, size(values), stream, values)
       else
          call draw_exact(model, stream, values)
       end if
@@ -72,16 +70,17 @@ contains
       real(wp), intent(out) :: values(:, :)           !! (chain, point) n_chains_of [unit of X]
 
       if (is_sequential(model)) then
-         call draw_sequential(model, stream, values)
+         call draw_sequential(model, size(values, 1), size(values, 2), stream, values)
       else
          call draw_points(model, stream, values(1, :))
       end if
    end subroutine draw_chains
 
-   subroutine draw_sequential(model, stream, values)
+   subroutine draw_sequential(model, n_chains, n_points, stream, values)
       type(process_model_type), intent(in) :: model
+      integer, intent(in) :: n_chains, n_points
       type(stream_type), intent(inout) :: stream
-      real(wp), intent(out) :: values(:, :)   !! (chain, point)
+      real(wp), intent(out) :: values(n_chains, n_points)
 
       call march_chains(model%a, model%mu/model%b0*(1.0_wp + sum(model%a)), model%mean/model%b0, &
                         model%memory, stream, values)

@@ -101,10 +101,18 @@ def test_values_that_scatter_too_much_to_be_positive_are_refused_at_once(entrosl
     assert done.stderr.endswith(": K(m) >= 0 needs std < mean\n")
 
 
+def test_an_index_beside_the_values_is_refused(entroslip, data):
+    data.write_text("\n".join(f"{n} {0.2 + 0.01 * (n % 3)}" for n in range(12)))
+    done = entroslip("estimate", data)
+    assert done.returncode == 2
+    assert "the numbers 0.0, 1.0, 2.0, ... are an index, not measured" in done.stderr
+
+
 def test_a_length_that_is_the_longest_tried_is_noted(entroslip, data):
     """A trend has no correlation length."""
     note = "note L0 is the longest of its order that 40 values tell: perhaps they are too few, have"
-    for text, is_noted in (("\n".join(map(str, range(40))), True), (LINES, False)):
+    trend = "\n".join(str(n + n % 3) for n in range(40))
+    for text, is_noted in ((trend, True), (LINES, False)):
         data.write_text(text)
         done = entroslip("estimate", data)
         assert done.returncode == 0

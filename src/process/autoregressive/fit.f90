@@ -24,7 +24,7 @@ module process_autoregressive_fit
    use process_model, only: gaussian_entropy, lengths_of, process_model_type, process_request
    implicit none(type, external)
    private
-   public :: fit_ar, nonnegative_reflection, optimal_reflection
+   public :: equal_reflection, fit_ar, nonnegative_reflection, optimal_reflection
 
    real(wp), parameter :: length_tolerance = 1.0e-10_wp      !! relative error of a length
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp   !! residual of optimality conditions
