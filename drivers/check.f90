@@ -19,7 +19,7 @@ module driver_check
    use process_fit, only: predict_process
    use process_model, only: process_model_type
    use process_scaling, only: first_of_fit
-   use tradeoff_forecast, only: cost_type, measure_cost, regression_seconds
+   use tradeoff_forecast, only: cost_type, end_seconds, measure_cost
    use tradeoff_front, only: predicted_slip_error
    use tradeoff_tasks, only: trial_scope, tradeoff_type
    implicit none(type, external)
@@ -59,7 +59,7 @@ contains
          if (.not. is_quiet) then
             call say(summary_text(scene, plan, cost%nanoseconds, world%n_ranks, &
                                   cost%transitions, models, cost%audit_nanoseconds, &
-                                  regression_seconds(plan, cost%share_powerful)))
+                                  end_seconds(plan, models, cost, world%n_ranks)))
             call refuse_oversize(plan, oversize)
             if (allocated(oversize)) call say('note: '//oversize%message)
             if (cost%n_steps > 0) call say(march_text(cost))

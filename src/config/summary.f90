@@ -23,7 +23,7 @@ contains
 
    !> Summary of a scene, without a final line feed.
    function summary_text(scene, plan, nanoseconds, n_ranks, transitions, predicted, &
-                         audit_nanoseconds, regression_seconds) result(text)
+                         audit_nanoseconds, end_seconds) result(text)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: nanoseconds   !! time per step of a sample; 0: not known
@@ -32,7 +32,7 @@ contains
       !> (process) model as far as it is known before the fit: is_solved, reason, branch
       type(process_model_type), intent(in) :: predicted(:)
       real(wp), intent(in) :: audit_nanoseconds   !! the same of samples of the audit
-      real(wp), intent(in) :: regression_seconds  !! processor time of all regressions
+      real(wp), intent(in) :: end_seconds   !! time from the last march to the results file
       character(:), allocatable :: text
 
       text = labelled('scene', plan%title//', '//scene%path)// &
@@ -43,10 +43,11 @@ contains
       if (plan%has_structure) then
          text = text//line_feed//case_table(plan, scene%excitation%level_name())//line_feed// &
                 motion_text(plan)
-         text = text//labelled('work', work_text(plan, n_ranks, nanoseconds)// &
-                         trim(merge(', and the fits', '              ', &
-                                    any(is_fitted_by_simulation(plan%processes)))))
-         text = text//estimates_text(plan, regression_seconds, n_ranks)
+         text = text//labelled('work', work_text(plan, n_ranks, nanoseconds)//', '// &
+                               duration(end_seconds)//' of statistics and writing'// &
+                               trim(merge(', and the fits', '              ', &
+                                          any(is_fitted_by_simulation(plan%processes)))))
+         text = text//estimates_text(plan)
          if (repeats_samples(plan)) &
             text = text//labelled('audit', audit_text(plan, n_ranks, audit_nanoseconds))
       end if
@@ -304,11 +305,9 @@ contains
       if (maxval(values) > minval(values)) text = text//' to '//brief(maxval(values))
    end function range_text
 
-   !> Text on the regressions: number of pools of each size, their samples and cases, and the time.
-   pure function estimates_text(plan, seconds, n_ranks) result(text)
+   !> Text on the regressions: number of pools of each size, their samples and cases.
+   pure function estimates_text(plan) result(text)
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: seconds   !! processor time of all regressions
-      integer, intent(in) :: n_ranks
       character(:), allocatable :: text
       type(case_pool), allocatable :: pools(:)
       character(64), allocatable :: parts(:), sizes(:)   ! sizes (pool)
@@ -327,8 +326,6 @@ contains
          parts = [character(64) :: parts, counted(count(sizes == sizes(p)), 'regression', &
                                                   'regressions')//' over '//trim(sizes(p))]
       end do
-      if (size(pools) > 0) parts = [character(64) :: parts, duration(seconds/n_ranks)//' on '// &
-                                    counted(n_ranks, 'rank', 'ranks')]
       n_plain = count(estimators_of(plan) == 'plain' .and. plan%cases%n_samples > 1)
       if (n_plain > 0) parts = [character(64) :: parts, 'plain sampling of '// &
                                 counted(n_plain, 'case', 'cases')]

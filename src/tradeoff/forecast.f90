@@ -1,22 +1,23 @@
-!> Forecasts the processor time of a scene: the cost of a sample-step is measured, that of the
-!> regressions is computed from counts.
+!> Forecasts the time of a scene: the cost of a sample-step is measured, that of the statistics and
+!> of writing the results is computed from counts.
 !>
 !> The measurement marches samples of all cases for some steps as the campaign will: blocks of the
 !> same width, the same kept results, spectra of the same steps. The friction values are
 !> independent, with the mean and standard deviation of their process: no process is fitted for it.
 !>
-!> The counts of a regression are those that grow with the samples, the friction values, the
-!> frequencies and the cases. The times below were measured on the paper's chain (25 to 400 samples
-!> a case), on chains of 20 and 50 masses and on a ring of blades.
+!> The counts are those of samples, friction values, frequencies and cases. Times of one count were
+!> measured on the paper's chain, with 25 to 10,000 samples a case, on chains of 20 to 500 masses
+!> and on a ring of blades, while all cores were busy.
 module tradeoff_forecast
    use campaign_plan, only: add_audits, kept_dofs, kept_of, plan_type, reference_for
    use campaign_pooling, only: case_pool, find_input_points, find_pools
    use campaign_results, only: block_result
    use campaign_runner, only: prepare_runner, runner_type
    use campaign_sample, only: never
-   use campaign_size, only: n_frequencies
+   use campaign_size, only: n_frequencies, results_size
    use core_error, only: error_type
    use core_kinds, only: wp
+   use process_model, only: process_model_type
    use statistics_law, only: n_points
    use statistics_spectra, only: last_powerful
    use statistics_surrogate, only: most_landmarks
@@ -24,7 +25,7 @@ module tradeoff_forecast
    use tradeoff_settings, only: expected_cost, own_setting, setting_type
    implicit none(type, external)
    private
-   public :: cost_type, measure_cost, regression_seconds
+   public :: cost_type, end_seconds, measure_cost
 
    real(wp), parameter :: budget = 0.4_wp             !! expected processor time of the marches [s]
    real(wp), parameter :: assumed_transitions = 0.3_wp  !! transitions of a sample in a step
@@ -150,21 +151,40 @@ contains
       nanoseconds = min(nanoseconds, again)
    end subroutine time_march
 
+   !> Time from the end of the last march to the complete results file [s]. All ranks compute the
+   !> statistics; one writes the file.
+   pure real(wp) function end_seconds(plan, models, cost, n_ranks)
+      type(plan_type), intent(in) :: plan
+      type(process_model_type), intent(in) :: models(:)   !! as in results_size
+      type(cost_type), intent(in) :: cost
+      integer, intent(in) :: n_ranks
+      real(wp), parameter :: sample_time = 1.6e-4_wp   ! measured [s]: to read a sample,
+      real(wp), parameter :: plain_time = 1.8e-7_wp    ! for plain statistics of a density of it,
+      real(wp), parameter :: byte_time = 8.0e-9_wp     ! to write a byte and read it back
+      real(wp) :: n_densities   ! of a sample
+
+      n_densities = 0.0_wp
+      if (plan%output%spectrum) n_densities = real(n_frequencies(plan), wp)*size(kept_dofs(plan))
+      end_seconds = (sum(plan%cases%n_samples)*(sample_time + plain_time*n_densities) &
+                     + regression_seconds(plan, cost%share_powerful))/n_ranks &
+                    + byte_time*results_size(plan, cost%transitions, models)
+   end function end_seconds
+
    !> Processor time of the regressions of all pools [s].
    pure real(wp) function regression_seconds(plan, share_powerful)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: share_powerful   !! share of the frequencies that are fitted
       ! measured times [ns] of an output (joint or dof) ...
-      real(wp), parameter :: fit_time = 3.0e6_wp       ! choice of a kernel
-      real(wp), parameter :: feature_time = 100.0_wp   ! per sample and landmark
-      real(wp), parameter :: kernel_time = 1.15_wp     ! per point, landmark and input
+      real(wp), parameter :: fit_time = 4.5e6_wp       ! choice of a kernel
+      real(wp), parameter :: feature_time = 150.0_wp   ! per sample and landmark
+      real(wp), parameter :: kernel_time = 1.7_wp     ! per point, landmark and input
       real(wp), parameter :: further_inputs = 5.4_wp   ! inputs that cost as much as the rest of it
-      real(wp), parameter :: polynomial_time = 2.0_wp  ! per point and two inputs
+      real(wp), parameter :: polynomial_time = 3.0_wp  ! per point and two inputs
       ! ... and of an output and a frequency
-      real(wp), parameter :: density_time = 140.0_wp   ! per sample
-      real(wp), parameter :: product_time = 0.056_wp   ! per point and landmark
-      real(wp), parameter :: mean_time = 9.0_wp        ! per point
-      real(wp), parameter :: percentile_time = 12.0_wp ! per point and percentile
+      real(wp), parameter :: density_time = 210.0_wp   ! per sample
+      real(wp), parameter :: product_time = 0.08_wp   ! per point and landmark
+      real(wp), parameter :: mean_time = 14.0_wp       ! per point
+      real(wp), parameter :: percentile_time = 18.0_wp ! per point and percentile
       type(case_pool), allocatable :: pools(:)
       integer, allocatable :: joints(:), points(:)
       real(wp) :: n, n_dofs, n_f, n_landmarks, n_predicted, nanoseconds
