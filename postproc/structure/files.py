@@ -34,6 +34,7 @@ class _Read:
     matrix: Matrix
     dofs: tuple[Dof, ...] | None = None
     held: frozenset[Dof] = frozenset()
+    note: str = ""
 
 
 def read_pair(mass: str, stiffness: str, damping: str | None = None) -> Pair:
@@ -61,8 +62,9 @@ def read_pair(mass: str, stiffness: str, damping: str | None = None) -> Pair:
     labels = tuple(name(dof) for dof in dofs)
     for letter, matrix in matrices.items():
         matrices[letter] = symmetric_part(f"{found[letter].source}: {letter}", matrix, labels)
-    notes = (f"left out, held in the model: {_listed(map(name, held))}",) if held else ()
-    return Pair(matrices["M"], matrices["K"], labels, matrices.get("C"), notes)
+    notes = [read.note for read in found.values() if read.note]
+    notes += [f"left out, held in the model: {_listed(map(name, held))}"] if held else []
+    return Pair(matrices["M"], matrices["K"], labels, matrices.get("C"), tuple(notes))
 
 
 def _numbered(found: Mapping[str, _Read]) -> dict[str, _Read]:
@@ -172,7 +174,10 @@ def _of_entries(entries: Entries) -> _Read:
     )
     if entries.is_half():
         matrix = sp.csc_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
-    return _Read(str(entries.path), matrix, None if is_plain else tuple(dofs), held_dofs(entries))
+    return _Read(
+        str(entries.path), matrix, None if is_plain else tuple(dofs), held_dofs(entries),
+        entries.note,
+    )  # fmt: skip
 
 
 def _npy(path: Path) -> dict[str, Any]:

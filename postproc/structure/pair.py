@@ -32,7 +32,7 @@ class Pair:
     stiffness: Matrix
     labels: tuple[str, ...]
     damping: Matrix | None = None
-    notes: tuple[str, ...] = ()  # parts of the files that were left out
+    notes: tuple[str, ...] = ()  # on what the files leave out or round
 
     @property
     def n_dof(self) -> int:

@@ -23,6 +23,7 @@ class Entries:
     path: Path
     is_whole: bool = False  # the file says that both triangles are given
     refusal: str = ""  # why the matrix cannot be taken, with its place
+    note: str = ""  # on its accuracy
     values: dict[tuple[Dof, Dof], float] = field(default_factory=dict)
 
     def add(self, row: Dof, column: Dof, value: float, line: int) -> None:
@@ -110,6 +111,11 @@ def read_dmig(path: Path) -> dict[str, Entries]:
                 continue
             row = _dof(group[0:2], path, number)
             found[label].add(row, column, _real(group[2], path, number), number)
+            if "*" not in fields[0] and len(group[2].strip()) == _NARROW:
+                found[label].note = (
+                    f"{path}: DMIG {label}: values that fill narrow fields are rounded to five"
+                    " digits or fewer: write wide fields, DMIG*"
+                )
     if not found:
         raise InputError(f"{path}: has no DMIG")
     return found

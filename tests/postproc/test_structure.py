@@ -181,6 +181,20 @@ def test_dmig_in_free_fields_is_read(tmp_path):
     np.testing.assert_array_equal(pair.stiffness.toarray(), [[4.0, -1.0], [-1.0, 3.0]])
 
 
+def test_dmig_that_fills_narrow_fields_is_noted(tmp_path):
+    """Nastran rounds to what a field holds: -1.234+7."""
+    path = tmp_path / "k.pch"
+    for star, value, n_notes in (("", "1.2346+7", 1), ("", "25.0", 0), ("*", "1.2346+7", 0)):
+        width = 16 if star else 8
+        cells = ("K", "1", "1", "", "1", "1", value)
+        card = ["DMIG    K              0       6       2       0", ""]
+        for i in range(0, len(cells), 64 // width):
+            name = f"DMIG{star}" if i == 0 else star
+            card.append(name.ljust(8) + "".join(c.ljust(width) for c in cells[i : i + 64 // width]))
+        path.write_text("\n".join(card))
+        assert len(read_pair(f"{path}:K", str(path)).notes) == 2 * n_notes
+
+
 def test_dofs_held_in_abaqus_are_left_out_by_number_too(tmp_path):
     """FORMAT=COORDINATE has 1e36 as well: it stayed, and all other modes were called rigid."""
     (tmp_path / "M.mtx").write_text("1 1 1.0\n2 2 1.0\n3 3 2.0\n")
