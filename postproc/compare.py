@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from .bits import differences
 from .figures.figure import Figure
-from .figures.style import line_of_dof, of_rank, some_of
+from .figures.style import add_legend, line_of_dof, of_rank, some_of
 from .output import InputError
 from .paper.evidence import WIDTH
 from .results import Case, Results
@@ -307,7 +307,7 @@ def _draw_slip(pairs: Sequence[Pair], axes: Axes) -> None:
     axes.axhline(0.0, color="0.4", linewidth=0.8)
     axes.set(xlabel="joint", ylabel="change of the mean time in slip [percentage points]")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.legend()
+    add_legend(axes)
 
 
 def _draw_spectra(pair: Pair, place: str, axes: Axes) -> None:
@@ -334,12 +334,11 @@ def _draw_spectra(pair: Pair, place: str, axes: Axes) -> None:
     axes.axhline(1.0, color="0.4", linewidth=0.8)
     axes.set(
         xlabel="frequency [Hz]", ylabel="spectral density, after / before", yscale="log",
-        title=pair.label,
     )  # fmt: skip
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.legend()
+    add_legend(axes, pair.label)
 
 
 def compare(before: Results, after: Results, folder: Path | None) -> str:

@@ -101,7 +101,7 @@ def plot_change_over_order(
     axes.set_xticks(orders, [str(order) for order in orders])
     axes.set_xticks([], minor=True)
     axes.set_ylim(bottom=0.0)
-    axes.legend()
+    style.add_legend(axes)
 
 
 def plot_error_over_cost(axes: Axes, data: xr.Dataset, error: str) -> None:
@@ -133,7 +133,7 @@ def plot_error_over_cost(axes: Axes, data: xr.Dataset, error: str) -> None:
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.legend(ncols=2, loc="lower center", bbox_to_anchor=(0.5, 1.0))  # the front fills the axes
+    style.add_legend(axes)
 
 
 def _mark_front(axes: Axes, cost: np.ndarray, values: np.ndarray) -> None:

@@ -90,8 +90,8 @@ def of_certain_friction(results: Results) -> Iterator[Figure]:
             yield Figure(
                 "sweep_spectra", "Spectra from stuck to slipping",
                 f"Spectra of {results.place} {spectra[0].kept_dofs[0]} at each level of the force."
-                " With the level, peaks at the stuck frequencies (full lines) broaden, vanish, and"
-                " return at the frequencies with all joints slipping (dotted).",
+                " With the level, peaks at the stuck frequencies broaden, vanish, and return at the"
+                f" frequencies with all joints slipping.{_of_modes(results)}",
                 _STUDY,
                 (partial(study_figures.plot_sweep_spectra, cases=spectra, results=results),),
                 ("8",),
@@ -141,11 +141,10 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"Fig. 10{letter}. Band of uncertainty, {results.place} {dof}, {levels}",
             f"Mean spectrum (thick) at friction std {cases[0].std:g}, between the outer percentiles"
             " over samples (thin; shaded: their 95 % intervals, Monte Carlo and force record"
-            f" together){_of_lengths(cases, ', for each correlation length')}. Vertical lines:"
-            " natural frequencies with all joints stuck (full) and slipping (dotted). Look for the"
+            f" together){_of_lengths(cases, ', for each correlation length')}. Look for the"
             " distance of the percentiles, the place of the mean between them, and peaks of the"
-            " upper one at the dotted lines."
-            f" {_welch(cases[0])}",
+            " upper one at natural frequencies with all joints slipping."
+            f"{_of_modes(results)} {_welch(cases[0])}",
             _STUDY,
             tuple(
                 partial(study_figures.plot_band, cases=own, dof=dof, results=results, framed=cases)
@@ -297,6 +296,13 @@ def _welch(case: Case) -> str:
         f"Welch's method, {n_segments} {segments}: a bin scatters by"
         f" {100 * error:.0f} % with the force record."
     )
+
+
+def _of_modes(results: Results) -> str:
+    """Sentence on the lines at natural frequencies, if they are drawn."""
+    if not study_figures.modes_are_marked(results):
+        return ""
+    return " Vertical lines: natural frequencies with all joints stuck (full), slipping (dotted)."
 
 
 def _pale(cases: Sequence[Case]) -> str:

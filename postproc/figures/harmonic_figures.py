@@ -35,9 +35,9 @@ def plot_frequency_response(
         top, bottom = max(top, mean.max(), high.max()), min(bottom, mean.min(), low.min())
     axes.set(
         xlabel="frequency [Hz]", ylabel=f"|x| / F of dof {dof} [{sweeps[0].unit}]",
-        xlim=(span[0], span[-1]), ylim=(0.3 * bottom, 4 * top),
+        xlim=(span[0], span[-1]), ylim=(0.5 * bottom, 2 * top),
     )  # fmt: skip
-    axes.legend(ncols=2)
+    style.add_legend(axes)
 
 
 def plot_phase(axes: Axes, sweeps: Sequence[Sweep], dof: int) -> None:
@@ -51,7 +51,7 @@ def plot_phase(axes: Axes, sweeps: Sequence[Sweep], dof: int) -> None:
         )  # fmt: skip
     axes.set(xlabel="frequency [Hz]", ylabel=f"phase of dof {dof} [degrees]")
     axes.set_xlim(sweeps[0].frequency[0], sweeps[0].frequency[-1])
-    axes.legend()
+    style.add_legend(axes)
 
 
 def plot_equivalent(
@@ -67,4 +67,4 @@ def plot_equivalent(
     axes.set_xscale("log")
     style.label_logarithmic(axes.xaxis)
     axes.set(xlabel="amplitude of the forced point at resonance [m]", ylabel=label, ylim=(0, None))
-    axes.legend(title="force", frameon=True)  # else its marks look like results
+    style.add_legend(axes, "force")

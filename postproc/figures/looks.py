@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from matplotlib.axes import Axes
-
 from ..paper.printed import LEVELS, STUCK_HZ
 from ..processes import MAXIMUM_ENTROPY
 from ..results import Case
 from . import style
 
-_MOST_NAMES = 8  # of a legend within the axes
-_BELOW = -0.12  # below the axes and the name of the lower one, in heights of the axes
 _MOST_FILLINGS = 2  # of marks: open and full; more levels of the force differ in size too
 _SMALLEST_MARK, _LARGEST_MARK = 4.0, 8.0  # [points]
 _DIFFERENCES = {"order_found": "order ", "mean": "mean ", "sampler": ""}
@@ -83,12 +79,3 @@ def by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:
         name = _name_in_paper(case) or case.level
         rows.append((case, look, f"{of_process}, {name}"))
     return rows
-
-
-def legend_of_marks(axes: Axes, *, is_full: bool = False) -> None:
-    """Within the axes, or below them where it would hide marks or lines that fill them."""
-    names = axes.get_legend_handles_labels()[1]
-    if len(names) <= _MOST_NAMES and not is_full:
-        axes.legend(ncols=2)
-    else:
-        axes.legend(ncols=3, loc="upper center", bbox_to_anchor=(0.5, _BELOW))

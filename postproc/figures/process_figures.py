@@ -53,7 +53,7 @@ def plot_autocovariances(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
     if any((process["autocovariance"] < 0).any() for process in processes):
         axes.set_ylabel("size of the autocovariance")
         axes.plot([], [], "o", color="0.3", markerfacecolor="w", label="negative")
-    axes.legend(title=name, ncols=2)
+    style.add_legend(axes, name)
 
 
 def _zeros(size: xr.DataArray) -> str:
@@ -75,7 +75,7 @@ def plot_entropies(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
         axes.plot([order_of(p) for p in curve], entropies, label=label, **look)
     _frame_orders(axes)
     axes.set_ylabel("entropy per point [nat]")
-    axes.legend(ncols=2)
+    style.add_legend(axes)
 
 
 def plot_achieved_lengths(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
@@ -86,9 +86,7 @@ def plot_achieved_lengths(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
                       label=f"{style.with_symbols(other)} at {label}", **look)  # fmt: skip
     _frame_orders(axes)
     axes.set_ylabel("correlation length achieved [lag]")
-    axes.legend(ncols=2, loc="upper left")
-    bottom, top = axes.get_ylim()
-    axes.set_ylim(bottom, top * (top / bottom) ** 0.25)  # room for the legend
+    style.add_legend(axes)
 
 
 def plot_chosen_orders(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
@@ -107,7 +105,7 @@ def plot_chosen_orders(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
             look |= {"linestyle": "--", "markerfacecolor": "w"}
         axes.semilogy(curve["lag"], abs(curve), label=label, **look)
     _frame_lags(axes)
-    axes.legend()
+    style.add_legend(axes)
 
 
 def plot_positive(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
@@ -119,7 +117,7 @@ def plot_positive(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
         axes.plot(curve["lag"], curve, label=label, **look)
     _frame_lags(axes)
     axes.set_ylabel("autocovariance / variance")
-    axes.legend()
+    style.add_legend(axes)
 
 
 def plot_each(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
@@ -133,7 +131,7 @@ def plot_each(axes: Axes, processes: Sequence[xr.Dataset]) -> None:
         axes.plot(curve["lag"], curve, label=label, **style.of_rank(rank, len(drawn)))
     _frame_lags(axes)
     axes.set_ylabel("autocovariance / variance")
-    axes.legend()
+    style.add_legend(axes)
 
 
 def _facts(process: xr.Dataset) -> tuple[str, ...]:
@@ -155,7 +153,7 @@ def plot_positive_difference(axes: Axes, processes: Sequence[xr.Dataset]) -> Non
     axes.axhline(0.0, color="0.3", linewidth=0.9, zorder=0)
     _frame_lags(axes)
     axes.set_ylabel("difference")
-    axes.legend()
+    style.add_legend(axes)
 
 
 def plot_realizations(axes: Axes, process: xr.Dataset) -> None:
@@ -168,7 +166,7 @@ def plot_realizations(axes: Axes, process: xr.Dataset) -> None:
     axes.axhline(float(process.attrs["mean"]), color="0.3", linewidth=0.9, label="mean")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="point", ylabel="value", xlim=(1, max(2, drawn.shape[1])))
-    axes.legend()
+    style.add_legend(axes)
 
 
 def _look_of_law(process: xr.Dataset, positive: Sequence[xr.Dataset]) -> tuple[str, style.Look]:

@@ -41,7 +41,7 @@ def plot_history(axes: Axes, case: Case, results: Results) -> None:
             **style.line_of_dof(dof, case.n_dof) | {"linewidth": 1.0},
         )  # fmt: skip
     axes.set(xlabel="time [s]", ylabel="displacement [m]", xlim=(time[first], time[-1]))
-    axes.legend(ncols=5, loc="lower center", bbox_to_anchor=(0.5, 1.0))  # curves fill the axes
+    style.add_legend(axes)
 
 
 def find_episode(case: Case) -> Episode | None:
@@ -74,21 +74,21 @@ def plot_slider(axes: Axes, case: Case, chain: xr.Dataset, episode: Episode) -> 
                      label=r"$\pm\mu N$" if sign > 0 else None)  # fmt: skip
     axes.set(
         xlabel="time [s]", ylabel="force [N]",
-        xlim=(episode.start - margin, episode.end + margin), ylim=(-1.6 * limit, 1.6 * limit),
+        xlim=(episode.start - margin, episode.end + margin), ylim=(-1.2 * limit, 1.2 * limit),
     )  # fmt: skip
-    axes.legend(ncols=3, loc="upper left")
     beside = axes.twinx()
     beside.grid(visible=False)
     velocity = case.data["velocity"].isel(sample=0, dof=episode.dof - 1).values
     steps = case.data["time"].values
     shown = (steps >= episode.start - margin) & (steps <= episode.end + margin)
     other = style.of_dof(2, 5)
-    beside.plot(steps[shown], velocity[shown], color=other["color"], linestyle="-.",
-                label="velocity of the mass")  # fmt: skip
-    largest = 1.6 * np.abs(velocity[shown]).max()
+    curve = {"color": other["color"], "linestyle": "-.", "label": "velocity of the mass"}
+    beside.plot(steps[shown], velocity[shown], **curve)
+    axes.plot([], [], **curve)  # for the legend
+    style.add_legend(axes)
+    largest = 1.2 * np.abs(velocity[shown]).max()
     beside.set(ylabel="velocity [m/s]", ylim=(-largest, largest))
     beside.spines["right"].set_visible(True)
-    beside.legend(loc="lower right")
 
 
 def plot_transition(axes: Axes, case: Case, chain: xr.Dataset, episode: Episode) -> None:
@@ -103,7 +103,7 @@ def plot_transition(axes: Axes, case: Case, chain: xr.Dataset, episode: Episode)
     _mark_steps(axes, case, times[shown], force[shown])
     axes.set(xlabel="time [s]", ylabel="force [N]", xlim=(episode.end - width, episode.end + width))
     axes.ticklabel_format(useOffset=False)
-    axes.legend()
+    style.add_legend(axes)
 
 
 def most_dissipating(case: Case, structure: xr.Dataset) -> list[int]:

@@ -28,7 +28,7 @@ _BEYOND_STUCK = 1.6  # drawn of a spectrum: to this multiple of the highest stuc
 _LOWEST_NAME = 10.0  # of a curve, as a multiple of the lower end of the axis
 _BESIDE = 0.04  # of the axis: half the width of a curve's name
 _DECADES = 7.0  # drawn of a spectrum
-_MOST_MODES = 20  # marked; more would hide the curves
+_MOST_MODES = 20  # marked
 _MOST_MARKED = 60  # joints with a mark in a line; more would meet
 _MOST_NUMBERED = 6  # marks of a case
 _MEET = 25.0  # [pixels] between marks that share a number
@@ -43,7 +43,7 @@ def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
             spectrum["frequency"], spectrum.isel(dof=dof - 1),
             label=f"{results.place} {dof}", **style.line_of_dof(dof, case.n_dof),
         )  # fmt: skip
-    _mark_chain(axes, results)
+    _mark_modes(axes, results)
     _frame_spectrum(axes, spectrum["frequency"].values, spectrum.max("dof").values, results)
     _mark_scatter(axes, case)
 
@@ -85,7 +85,7 @@ def plot_slip_scatter(axes: Axes, cases: Sequence[Case], is_paper: bool = False)
     )  # fmt: skip
     axes.set(ylabel="standard deviation over samples [%]", ylim=(0, None))
     _number(axes, marks)
-    looks.legend_of_marks(axes)
+    style.add_legend(axes)
 
 
 def plot_band(
@@ -115,11 +115,11 @@ def plot_band(
     last = {"dof": dof - 1, "percentile": -1}
     highest = np.max([case.data["psd_percentiles"].isel(last) for case in framed or cases], axis=0)
     alike = [case.data.isel(dof=dof - 1) for case in cases]
-    _mark_chain(axes, results)
+    _mark_modes(axes, results)
     _frame_spectrum(axes, frequency, highest, results)
     _name_curves(axes, alike)
     if len(framed) > len(cases):
-        axes.legend(title=looks.level_name(cases[0]), ncols=2)
+        style.add_legend(axes, looks.level_name(cases[0]))
 
 
 def percentile_interval(
@@ -228,7 +228,7 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
     style.label_logarithmic(axes.yaxis)
     axes.set_ylabel(rf"band ratio $\sigma_{{{last:g}}}^2\,/\,\sigma_{{{first:g}}}^2$")
     _number(axes, marks)
-    looks.legend_of_marks(axes)
+    style.add_legend(axes)
 
 
 def plot_along(axes: Axes, cases: Sequence[Case], quantity: OfJoints) -> None:
@@ -247,7 +247,7 @@ def plot_along(axes: Axes, cases: Sequence[Case], quantity: OfJoints) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="joint", ylabel=f"{quantity.title} [{quantity.unit}]", ylim=(0, None))
     axes.ticklabel_format(axis="y", scilimits=(-3, 5))
-    looks.legend_of_marks(axes, is_full=mean.size > _MOST_MARKED)
+    style.add_legend(axes)
 
 
 def plot_spectra_along(axes: Axes, case: Case, results: Results) -> None:
@@ -285,7 +285,7 @@ def plot_sweep(axes: Axes, cases: Sequence[Case]) -> None:
         axes.axhline(PERCENT * edge, color="0.6", linewidth=0.8, linestyle=":", zorder=0)
     axes.set_xscale("log")
     axes.set(xlabel=force_axis(cases[0]), ylabel="time in slip [%]", ylim=(0, 100))
-    axes.legend()
+    style.add_legend(axes)
 
 
 def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> None:
@@ -299,7 +299,7 @@ def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> N
         look = style.of_rank(rank, len(chosen)) | {"marker": "none"}
         axes.semilogy(spectrum["frequency"], spectrum, label=looks.level_name(case), **look)
         values.append(spectrum.values)
-    _mark_chain(axes, results)
+    _mark_modes(axes, results)
     _frame_spectrum(axes, spectrum["frequency"].values, np.max(values, axis=0), results)
     per_variance = "variance [s⁴/Hz]" if cases[0].is_base else "variance [m²/(N² Hz)]"
     unit = per_variance if cases[0].variance else "factor² [m²/Hz]"
@@ -315,11 +315,17 @@ def force_axis(case: Case) -> str:
     return "variance of the " + ("ground [m²/s⁴]" if case.is_base else "force [N²]")
 
 
-def _mark_chain(axes: Axes, results: Results) -> None:
-    chain = results.structure
-    if chain is not None and chain.sizes["mode"] <= _MOST_MODES:
-        style.mark_frequencies(axes, chain["frequencies_stuck"].values, "modes, stuck", "-")
-        style.mark_frequencies(axes, chain["frequencies_slip"].values, "modes, slipping", ":")
+def _mark_modes(axes: Axes, results: Results) -> None:
+    structure = results.structure
+    if structure is not None and modes_are_marked(results):
+        style.mark_frequencies(axes, structure["frequencies_stuck"].values, "modes, stuck", "-")
+        style.mark_frequencies(axes, structure["frequencies_slip"].values, "modes, slipping", ":")
+
+
+def modes_are_marked(results: Results) -> bool:
+    """True if spectra have lines at the natural frequencies: many would hide the curves."""
+    structure = results.structure
+    return structure is not None and bool(structure.sizes["mode"] <= _MOST_MODES)
 
 
 def _frame_spectrum(
@@ -333,7 +339,7 @@ def _frame_spectrum(
         xlabel="frequency [Hz]", ylabel="power spectral density [m²/Hz]",
         xlim=(0.0, _last_shown(frequency, highest, results)),
     )  # fmt: skip
-    axes.legend(ncols=2)
+    style.add_legend(axes)
 
 
 def _last_shown(

@@ -24,6 +24,7 @@ _MARKS = ("o", "s", "^", "D", "v", "P", "X")
 _DASHES = ("-", "--", "-.", (0, (1, 1)), (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (1, 2)))
 _LIGHTEST = 0.78  # of viridis, still seen on white
 _NARROW = 4.0  # ends of a logarithmic axis whose 1, 2, 3 and 5 may be none
+_LINE, _HANDLE = 94, 9  # characters above the axes, and those that a curve's line takes
 _WIDE = 1.0e3  # ends of a logarithmic axis whose 2, 3 and 5 would meet
 
 
@@ -42,9 +43,7 @@ def apply_style(*others: str) -> None:
             "axes.spines.right": False,
             "lines.linewidth": 1.3,
             "lines.markersize": 5,
-            "legend.frameon": True,
-            "legend.framealpha": 0.85,
-            "legend.edgecolor": "none",
+            "legend.frameon": False,
             "legend.fontsize": 8.5,
             "savefig.dpi": 150,
             "svg.hashsalt": "entroslip",
@@ -117,6 +116,14 @@ def with_symbols(lengths: str) -> str:
 def dashes(index: int) -> Any:  # noqa: ANN401  (a matplotlib line style has no type of its own)
     """The index-th line style, for curves that share a colour."""
     return _DASHES[index % len(_DASHES)]
+
+
+def add_legend(axes: Axes, title: str = "") -> None:
+    """A legend above the axes, where it hides nothing, in as many columns as fit."""
+    names = axes.get_legend_handles_labels()[1]
+    widest = max(len(re.sub(r"[$_{}\\]", "", name)) for name in names)
+    n_columns = max(1, min(len(names), _LINE // (widest + _HANDLE)))
+    axes.legend(title=title, ncols=n_columns, loc="lower center", bbox_to_anchor=(0.5, 1.0))
 
 
 def mark_frequencies(axes: Axes, frequencies: Iterable[float], label: str, linestyle: str) -> None:
