@@ -311,20 +311,25 @@ contains
       class(base_system), intent(inout) :: base
       real(wp), intent(in) :: force(0:, :), share, part
       integer, intent(in) :: step
+      logical :: is_shared   ! one record for all samples
+      real(wp) :: rise
       integer :: column, f, l, n_forces
 
       associate (n => base%paths%n_samples, push => base%paths%force)
          push(n + 1:, :, :) = 0.0_wp
          n_forces = size(push, 2)
+         is_shared = size(force, 2) == n_forces
          do f = 1, n_forces
-            do l = 1, n
-               column = f + min(n_forces*(base%paths%first_sample + l - 2), &
-                                size(force, 2) - n_forces)
-               associate (rise => force(step + 1, column) - force(step, column))
-                  push(l, f, 0) = force(step, column) + share*rise
-                  push(l, f, 1) = part*rise
-               end associate
+            column = f
+            do l = 1, merge(1, n, is_shared)
+               if (.not. is_shared) column = f + n_forces*(base%paths%first_sample + l - 2)
+               rise = force(step + 1, column) - force(step, column)
+               push(l, f, 0) = force(step, column) + share*rise
+               push(l, f, 1) = part*rise
             end do
+            if (.not. is_shared) cycle
+            push(2:n, f, 0) = push(1, f, 0)
+            push(2:n, f, 1) = push(1, f, 1)
          end do
       end associate
    end subroutine set_force
