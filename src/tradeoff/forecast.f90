@@ -177,12 +177,12 @@ contains
       ! measured times [ns] of an output (joint or dof) ...
       real(wp), parameter :: fit_time = 4.5e6_wp       ! choice of a kernel
       real(wp), parameter :: feature_time = 150.0_wp   ! per sample and landmark
-      real(wp), parameter :: kernel_time = 1.7_wp     ! per point, landmark and input
+      real(wp), parameter :: kernel_time = 1.7_wp      ! per point, landmark and input
       real(wp), parameter :: further_inputs = 5.4_wp   ! inputs that cost as much as the rest of it
       real(wp), parameter :: polynomial_time = 3.0_wp  ! per point and two inputs
       ! ... and of an output and a frequency
       real(wp), parameter :: density_time = 210.0_wp   ! per sample
-      real(wp), parameter :: product_time = 0.08_wp   ! per point and landmark
+      real(wp), parameter :: product_time = 0.08_wp    ! per point and landmark
       real(wp), parameter :: mean_time = 14.0_wp       ! per point
       real(wp), parameter :: percentile_time = 18.0_wp ! per point and percentile
       type(case_pool), allocatable :: pools(:)
