@@ -163,7 +163,6 @@ contains
                       buffers%groups(g))
       end do
       if (.not. buffers%is_independent) call mark_remarched(base%paths, buffers%groups(:n_groups))
-      if (allocated(base%paths%coupling)) call mark_disturbed(base%paths, buffers%groups(:n_groups))
       do g = 1, n_groups
          call make_group(base, buffers%groups(g), begin, state, buffers%single, error)
          if (allocated(error)) return
@@ -174,15 +173,17 @@ contains
 
    !> Marks the samples that must be marched through the part again. Power series: those with a
    !> transition that is not local, or that moves another joint too much before its transition (9).
-   !> Modes: those with a transition that is not plain, or with two; also finds paths%least_guard
-   !> of their clear candidates.
+   !> Modes: those with a transition that is not plain, with two, or with one whose response might
+   !> take the guard of another joint through zero (M10).
    pure subroutine mark_remarched(paths, groups)
       type(joint_paths), intent(inout) :: paths
       type(transition_group), intent(in) :: groups(:)
-      logical :: is_seen(width)   ! lanes with a candidate that is not clear
+      logical :: is_seen(width)    ! modes: lanes with a candidate that is not clear
+      real(wp) :: response(width)  ! modes: bound of the response of any guard to its transition [m]
       integer :: e, g, i, k
 
       is_seen = .false.
+      response = 0.0_wp
       do g = 1, size(groups)
          associate (group => groups(g))
             do e = 1, group%n
@@ -194,6 +195,8 @@ contains
                      paths%is_remarched(l) = paths%is_remarched(l) .or. is_seen(l) .or. &
                                              group%outcome(e) /= plain
                      is_seen(l) = .true.
+                     response(l) = paths%coupling(j)*sum([(k*abs(group%path(e, k)), &
+                                                           k=1, paths%degree)])
                      cycle
                   end if
                   if (.not. paths%responses%is_local(j)) paths%is_remarched(l) = .true.
@@ -210,30 +213,8 @@ contains
             end do
          end associate
       end do
+      paths%is_remarched = paths%is_remarched .or. is_seen .and. paths%least_guard <= response
    end subroutine mark_remarched
-
-   !> Marks the samples in which the response to a transition might take the guard of another joint
-   !> through zero (M10).
-   pure subroutine mark_disturbed(paths, groups)
-      type(joint_paths), intent(inout) :: paths
-      type(transition_group), intent(in) :: groups(:)
-      integer :: e, g, k
-      real(wp) :: speed
-
-      do g = 1, size(groups)
-         do e = 1, groups(g)%n
-            if (groups(g)%outcome(e) == clear) cycle
-            speed = 0.0_wp
-            do k = 1, paths%degree
-               speed = speed + k*abs(groups(g)%path(e, k))
-            end do
-            associate (l => groups(g)%lane(e))
-               paths%is_remarched(l) = paths%is_remarched(l) .or. paths%least_guard(l) <= &
-                  speed*paths%coupling(groups(g)%joint(e))
-            end associate
-         end do
-      end do
-   end subroutine mark_disturbed
 
    !> True if entry e of a group may disturb entry i of another group that switches later (9). A
    !> joint whose transition is not plain may switch at any time of the part.

@@ -51,10 +51,6 @@ module dynamics_newmark_block
    contains
       procedure :: switch_at_nearer_end
       procedure :: add_work
-      procedure, private :: switch
-      procedure, private :: set_regime
-      procedure, private :: find_accelerations
-      procedure, private :: force_at
    end type newmark_block
 
 contains
@@ -101,9 +97,9 @@ contains
          call frame%rows%multiply(state%velocity(:, w), block%motion(:frame%n_rows, 2, 0, w))
          call frame%rows%multiply(state%displacement(:, w), block%motion(:frame%n_rows, 3, 0, w))
          do j = 1, m
-            call block%set_regime(j, w, state%direction(j, w), state%slider(j, w))
+            call set_regime(block, j, w, state%direction(j, w), state%slider(j, w))
          end do
-         call block%find_accelerations(state, w)
+         call find_accelerations(block, state, w)
       end do
    end subroutine load_block
 
@@ -159,8 +155,8 @@ contains
          if (.not. self%margin(i, new) < 0.0_wp) cycle
          if (nearer == old .and. .not. is_nearer(i)) cycle
          if (.not. may_switch(i, nearer)) cycle
-         call self%switch(state, j, w, &
-                          merge(1, -1, self%motion(i, 3, new, w) > self%bounds(i, 1, w)))
+         call switch(self, state, j, w, &
+                     merge(1, -1, self%motion(i, 3, new, w) > self%bounds(i, 1, w)))
       end do
       self%failed_tick(w) = 0
       self%step_ticks(w) = shiftl(1_long, min(trailz(self%tick(w)), self%max_halvings))
@@ -208,7 +204,7 @@ contains
    !> sticks loses its velocity, which reduces the dampers' forces, and its spring carries at most
    !> mu N.
    subroutine switch(self, state, j, w, outwards)
-      class(newmark_block), intent(inout) :: self
+      type(newmark_block), intent(inout) :: self
       type(block_state), intent(inout) :: state
       integer, intent(in) :: j, w
       integer, intent(in) :: outwards   !! direction of a slip that starts, +1 or -1
@@ -233,7 +229,7 @@ contains
             end do
          end if
       end associate
-      call self%set_regime(j, w, direction, slider)
+      call set_regime(self, j, w, direction, slider)
       call enter_transition(state, j, w, state%step*self%dt + self%tick(w)*self%tick_size, place, &
                             direction)
    end subroutine switch
@@ -241,7 +237,7 @@ contains
    !> Sets bounds and pattern of a joint that slips in a direction, or is stuck (0). One without
    !> friction always slips.
    pure subroutine set_regime(self, j, w, direction, slider)
-      class(newmark_block), intent(inout) :: self
+      type(newmark_block), intent(inout) :: self
       integer, intent(in) :: j, w, direction
       real(wp), intent(in) :: slider
 
@@ -259,7 +255,7 @@ contains
 
    !> Finds the accelerations of sample w from the equation of motion.
    pure subroutine find_accelerations(self, state, w)
-      class(newmark_block), intent(inout) :: self
+      type(newmark_block), intent(inout) :: self
       type(block_state), intent(in) :: state
       integer, intent(in) :: w
       real(wp) :: pull
@@ -268,7 +264,7 @@ contains
 
       associate (frame => self%frame, structure => self%frame%structure, &
                  motion => self%motion(:, :, self%slot(w), w))
-         force = matmul(structure%load, self%force_at(w, 0.0_wp)) &
+         force = matmul(structure%load, force_at(self, w, 0.0_wp)) &
                  - matmul(structure%damping, motion(:frame%n_dof, 2)) &
                  - matmul(structure%stiffness, motion(:frame%n_dof, 3))
          do j = 1, self%n_joints
@@ -294,7 +290,7 @@ contains
          dx = self%motion(:n, 3, 1 - self%slot(w), w) - self%motion(:n, 3, self%slot(w), w)
          self%work(1, w) = self%work(1, w) &
                            + dot_product(matmul(structure%load, &
-                                                self%force_at(w, 0.5_wp*self%step_ticks(w))), dx)
+                                                force_at(self, w, 0.5_wp*self%step_ticks(w))), dx)
          self%work(2, w) = self%work(2, w) + dot_product(dx, matmul(structure%damping, dx)) &
                            /(self%step_ticks(w)*self%tick_size)
       end associate
@@ -302,7 +298,7 @@ contains
 
    !> Forces on sample w (force) some ticks from now [N], linear within a step.
    pure function force_at(self, w, ahead) result(force)
-      class(newmark_block), intent(in) :: self
+      type(newmark_block), intent(in) :: self
       integer, intent(in) :: w
       real(wp), intent(in) :: ahead   !! ticks from now
       real(wp) :: force(self%frame%structure%n_forces)
