@@ -30,8 +30,8 @@ module dynamics_exact_modal_form
    type, extends(base_system) :: modal_form
       type(modal_operators) :: operators
       integer :: n_groups = 0   !! groups with samples
-      !> (lane, row, plane, group) state of the blocks, q and q' or p, then S z. It is that at the
-      !> end of the free motion from march_freely to end_part
+      !> (lane, row, plane, group) state of the blocks, q and q' or p, then S z. From march_freely
+      !> to end_part it is the state at the end of the free motion
       real(wp), pointer, contiguous :: modes(:, :, :, :) => null()
       !> Buffers of one group: (lane, row, 1:2) what p and p' at 1/2 add to the cubic (M4);
       !> (lane, row, 0:moment) S I of (M6)
@@ -290,8 +290,8 @@ contains
             if (.not. self%keeps_ledger) cycle
             force = self%paths%force(first:last, :, :)
             work = self%work_done(first:last, :)
-            call self%operators%ledger%add_part(rows, force, self%slider_moments, &
-                                                self%rates(:, :, :, g), work)
+            call self%operators%ledger%add_part(rows, self%operators%load, force, &
+                                                self%slider_moments, self%rates(:, :, :, g), work)
             self%work_done(first:last, :) = work
          end associate
       end do

@@ -21,7 +21,6 @@ module dynamics_exact_modal_ledger
       logical :: is_ready = .false.
       integer, private :: ports = 1
       real(wp), private :: scale = 0.0_wp                !! 1/h^2 [1/s^2]
-      real(wp), allocatable, private :: load(:, :)       !! h^2 Phi' b (row, force)
       !> (item, force, 0:1, block) factors of the integrals of X' and of t X', X where a force acts
       real(wp), allocatable, private :: motion(:, :, :, :)
       !> (1:2, pair) pairs of blocks: each with itself and then with those that N couples it with;
@@ -54,7 +53,6 @@ contains
       self%is_ready = .true.
       self%ports = blocks%ports
       self%scale = 1.0_wp/h**2
-      self%load = blocks%inputs(load)
       outputs = transpose(blocks%outputs(transpose(load), .false.))   ! (row, force)
       metric = blocks%metric(damping)
       largest = norm2(blocks%inverse, 2)
@@ -147,11 +145,12 @@ contains
    end subroutine find_form
 
    !> Adds the work of a group of lanes over the part, without the growth of v'v (M9).
-   pure subroutine add_part(self, rows, force, slider_moments, rates, work)
+   pure subroutine add_part(self, rows, load, force, slider_moments, rates, work)
       class(modal_ledger), intent(in) :: self
       integer, intent(in) :: rows
-      real(wp), intent(in) :: force(lanes, size(self%load, 2), 0:1)   !! value and rise [N]
-      real(wp), intent(in) :: slider_moments(lanes, rows, 0:*)        !! S I
+      real(wp), intent(in) :: load(:, :)                         !! h^2 Phi' b (row, force)
+      real(wp), intent(in) :: force(lanes, size(load, 2), 0:1)   !! value and rise [N]
+      real(wp), intent(in) :: slider_moments(lanes, rows, 0:*)   !! S I
       real(wp), intent(in) :: rates(lanes, 2, *)     !! p' at the start
       real(wp), intent(inout) :: work(lanes, 2)      !! input, viscous
       real(wp), dimension(lanes, most_items) :: first, second   ! a constant extent aligns them
@@ -167,7 +166,7 @@ contains
             call find_items(b, first)
             call add_form(n, .true., self%form(:, :, e), first, first, lost)
             do k = 0, 1
-               do f = 1, size(self%load, 2)
+               do f = 1, size(load, 2)
                   call add_input(n, self%motion(:, f, k, b), first, force(:, f, k), done)
                end do
             end do
@@ -191,8 +190,8 @@ contains
          items(:, :2) = rates(:, :, block)
          do row = self%ports*(block - 1) + 1, self%ports*block
             rise = 0.0_wp
-            do f = 1, size(self%load, 2)
-               rise = rise + self%load(row, f)*force(:, f, 1)
+            do f = 1, size(load, 2)
+               rise = rise + load(row, f)*force(:, f, 1)
             end do
             column = 2 + row - self%ports*(block - 1)
             do k = 0, (n - 2)/self%ports - 1

@@ -45,8 +45,8 @@ module dynamics_exact_modal_operators
       real(wp), allocatable :: markov(:, :, :)
       !> (joint of the slider) bound of the responses of all joints to a slider of speed 1 (M10)
       real(wp), allocatable :: coupling(:)
-      real(wp), allocatable :: rate(:), damping(:, :)   !! Omega (mode), C^ (mode, mode)
-      real(wp), allocatable :: modal_load(:, :)         !! h^2 Phi' b (mode, force)
+      real(wp), allocatable :: damping(:, :)      !! C^ (mode, mode)
+      real(wp), allocatable :: modal_load(:, :)   !! h^2 Phi' b (mode, force)
       type(modal_ledger) :: ledger
    contains
       procedure :: work
@@ -97,6 +97,7 @@ contains
       type(modal_operators), intent(out) :: operators
       type(error_type), allocatable, intent(out) :: error
       type(joint_properties) :: joints
+      real(wp) :: rate(structure%n_dof)   ! Omega
       integer :: i, m, r
 
       operators%n_modes = structure%n_dof
@@ -105,7 +106,7 @@ contains
       call find_joint_properties(structure, joints)
       operators%n_parts = parts_of_step(structure, joints, dt, tolerance)
       operators%h = dt/operators%n_parts
-      operators%rate = operators%h*(two_pi*structure%frequencies_stuck)
+      rate = operators%h*(two_pi*structure%frequencies_stuck)
       if (size(structure%damping_ratio) > 0) then
          allocate (operators%damping(structure%n_dof, structure%n_dof), source=0.0_wp)
          do r = 1, structure%n_dof
@@ -116,7 +117,7 @@ contains
          operators%damping = operators%h*matmul(transpose(structure%modes_stuck), &
                                                 matmul(structure%damping, structure%modes_stuck))
       end if
-      call new_modal_blocks(operators%rate, operators%damping, operators%blocks, error)
+      call new_modal_blocks(rate, operators%damping, operators%blocks, error)
       if (allocated(error)) return
 
       allocate (operators%direction, source=structure%direction)
@@ -124,7 +125,7 @@ contains
       operators%modal_load = operators%h**2*matmul(transpose(structure%modes_stuck), &
                                                    structure%load)
       operators%load = operators%blocks%inputs(operators%modal_load)
-      call choose_terms(structure%joint_stiffness, joints, operators%rate, operators%damping, &
+      call choose_terms(structure%joint_stiffness, joints, rate, operators%damping, &
                         operators%blocks, tolerance, operators)
       m = structure%n_joints
       associate (n => structure%n_dof, rows => operators%n_rows, ports => operators%blocks%ports)
