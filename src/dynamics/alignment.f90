@@ -20,7 +20,7 @@ module dynamics_alignment
 
 contains
 
-   !> Allocates memory filled with zeros; pointers into the memory before it are void.
+   !> Allocates memory filled with zeros; pointers into earlier memory become invalid.
    subroutine reserve(self, n)
       class(aligned_memory), intent(inout), target :: self
       integer(long), intent(in) :: n   !! number of reals

@@ -71,8 +71,8 @@ contains
       call signal_of_lines(n, first, line, force)
    end subroutine noise_force
 
-   !> Makes a sine force, linear between steps, whose fundamental is sin(2 pi f t). Linear between
-   !> values sin(2 pi f t) it would be (sin(x)/x)^2 of that, x = pi f dt.
+   !> Makes a sine force, linear between steps, whose fundamental is sin(2 pi f t). With values
+   !> sin(2 pi f t) the fundamental would be (sin(x)/x)^2 of that, x = pi f dt.
    pure subroutine sine_force(frequency, dt, force)
       real(wp), intent(in) :: frequency   !! [Hz]
       real(wp), intent(in) :: dt          !! [s]

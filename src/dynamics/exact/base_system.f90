@@ -1,5 +1,5 @@
-!> Interface of the two forms of the exact march: motion of 32 samples over one part of a step while
-!> no joint changes between stick and slip, and its correction after one that does.
+!> Interface of the two forms of the exact march, power series and modes: the free motion of 32
+!> samples over one part of a step, without transitions, and its correction by each transition.
 module dynamics_exact_base_system
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp

@@ -1,5 +1,5 @@
 !> Free motion of 32 samples over one part of a step: the power series of all paths, their values at
-!> the end, and the candidates for transitions: joints whose guards may have a zero on the way.
+!> the end, and the candidates for transitions: joints whose guards may have a zero in the part.
 !>
 !> Loops over lanes have constant length, and all arrays are aligned to 64 bytes.
 module dynamics_exact_free_steps

@@ -14,7 +14,7 @@ module dynamics_exact_joint_paths
    !> Third index of a regime: z [m], reach mu N/k [m], direction of slip (0: stuck), and weight of
    !> the spring in the equation of the joint's row (0 without friction)
    integer, parameter :: regime_slider = 1, regime_reach = 2, regime_side = 3, regime_spring = 4
-   real(wp), parameter :: unlimited = 1.0e150_wp   !! reach of joints without friction or sample [m]
+   real(wp), parameter :: unlimited = 1.0e150_wp   !! reach without friction or sample [m]
 
    !> Coefficients N_1 .. N_4 by which the dofs around a joint respond to its transitions (7):
    !> entries first(i) .. first(i + 1) - 1 are those of the dofs that respond to dof i.
@@ -52,7 +52,8 @@ module dynamics_exact_joint_paths
       real(wp), pointer, contiguous :: force(:, :, :) => null()
       !> (lane, place): x and force as one array, rows of all layers first
       real(wp), pointer, contiguous :: places(:, :) => null()
-      !> (lane, joint, regime_slider ..). Joint n_joints + 1 is none, so that it is no candidate
+      !> (lane, joint, regime_slider ..). Joint n_joints + 1 stands for rows without a joint: its
+      !> reach is unlimited, so that it is never a candidate
       real(wp), pointer, contiguous :: regime(:, :, :) => null()
       !> Modes only: (joint of the transition) bound of the response of any guard over the joint's
       !> speed (M10), and (lane) bound of the guards of all joints without a transition

@@ -37,7 +37,7 @@ contains
       marcher%tolerance = tolerance
       transitions = transitions_of_step(structure, dt)
       if (structure%has_lumped_mass()) call use_series(transitions, marcher)
-      ! in modes, the path of each joint takes two products with all modes at least
+      ! in modes, the path of each joint takes at least two products with all modes
       if (2.0_wp*structure%n_joints*structure%n_dof < marcher%work_series) &
          call try_modes(transitions, marcher, error)
    end subroutine new_exact_march

@@ -1,10 +1,10 @@
 !> Transitions of one sample within a part of a step, in the modal form.
 !>
 !> A transition changes the motion of the joint's slider: its slip is added if it starts, and
-!> subtracted if it ends. That change is followed by the paths of all joints (M5) and the sliders of
-!> those that slip, and its integrals are added to the modes (M6). Several transitions are made one
-!> after another in the paths of all joints (lane_paths). If a sample has one plain transition, all
-!> that it changes at the end follows from integrals of the slider's motion (M10:
+!> subtracted if it ends. The paths of all joints respond to that change (M5), and with them the
+!> sliders of those that slip. Its integrals are added to the modes (M6). Several transitions are
+!> made one after another in the paths of all joints (lane_paths). If a sample has one plain
+!> transition, all that it changes at the end follows from integrals of the slider's motion (M10:
 !> find_end_responses).
 module dynamics_exact_modal_lane
    use core_kinds, only: wp
@@ -129,7 +129,7 @@ contains
       self%time_left = self%time_left - span
    end subroutine move_on
 
-   !> Follows the switch of a joint's regime: its slider begins to move with the joint, or stops.
+   !> Adds the response to the switch of a joint, whose slider begins to move with it, or stops.
    pure subroutine switch_slider(self, operators, joint, regime)
       class(lane_paths), intent(inout) :: self
       type(modal_operators), intent(in) :: operators

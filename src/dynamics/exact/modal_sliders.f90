@@ -1,8 +1,8 @@
 !> Motion of the sliders over one part of a step in the modal form, for groups of eight samples:
 !> which sliders move, what they add to the paths of joints (M5), and the integrals of their motion.
 !>
-!> Products leave out sliders that move in none of the eight samples. These would add zero, so that
-!> no bit of a sample depends on the others.
+!> Products leave out sliders that move in none of the eight samples. These would add zero, so the
+!> bits of a sample do not depend on the others.
 module dynamics_exact_modal_sliders
    use core_kinds, only: long, wp
    use dynamics_alignment, only: aligned_memory
@@ -48,7 +48,7 @@ contains
       allocate (self%n_moving(groups), self%moving(n_joints + 1, groups), source=0)
    end subroutine initialize
 
-   !> Lists the slider of a joint that switches within the part.
+   !> Lists the slider of a joint that switches within the part, if it is not in the list.
    pure subroutine switch(self, g, joint)
       class(moving_sliders), intent(inout) :: self
       integer, intent(in) :: g, joint

@@ -40,7 +40,7 @@ module dynamics_exact_series
 
 contains
 
-   !> Multiplications of one sample in one part without transitions.
+   !> Multiplications of one sample in one part without transitions (11).
    pure real(wp) function work(self)
       class(series_type), intent(in) :: self
       integer :: k

@@ -102,8 +102,8 @@ contains
       call respond(degree, group)
    end subroutine find_next
 
-   !> Adds the response to the path of the first candidate, whose joint has switched. If it is stuck
-   !> now, its extension is the reach to the last bit.
+   !> Adds the response to the path of the first candidate, whose joint has switched. If it has
+   !> stuck, its extension is exactly the reach.
    pure subroutine apply_response(paths, group)
       type(joint_paths), intent(in) :: paths
       type(transition_group), intent(inout) :: group
@@ -115,8 +115,8 @@ contains
       group%path(:, 0) = group%slider + group%direction*group%reach
    end subroutine apply_response
 
-   !> Copies lanes, joints, paths and regimes of the candidates, one candidate after another: as
-   !> vectors, their addresses take longer than the copies.
+   !> Copies lanes, joints, paths and regimes of the candidates, one candidate after another: in
+   !> vector operations, the addresses would take longer than the copies.
    pure subroutine load_candidates(degree, paths, list, group)
       integer, value :: degree
       type(joint_paths), intent(in) :: paths
@@ -163,7 +163,7 @@ contains
       end do
    end subroutine load_regimes
 
-   !> Finds the zero of the guard: that of its parabola, then two steps of Halley.
+   !> Finds the zero of the guard, by two steps of Halley's method from the zero of its parabola.
    pure subroutine find_zero(degree, group)
       integer, value :: degree
       type(transition_group), intent(inout) :: group

@@ -145,7 +145,7 @@ contains
    end subroutine advance
 
    !> Accepts or refuses the trials of all samples before the last tick, and finds their next steps.
-   !> A refused step is halved. No step after it ends where it ended.
+   !> A refused step is halved. Later steps take at most half the time to its end, at last one tick.
    !> Marks the samples that switch now (refused at the smallest step), those whose record is due,
    !> and those that march on without a switch. Without branches, which could not be predicted.
    pure subroutine finish_trials(block, last, has_crossed, next_tick, is_active, is_due, &

@@ -7,8 +7,8 @@
 !>    a1 = S^-1 [b (F1 - F0) + M a0/gamma - h K_s (v0 + h (1/2 - beta/gamma) a0)]
 !>         - (1 - gamma)/gamma a0.
 !> A map has the factors of a0, v0 and F1 - F0. Short frames have one for every pattern. Long frames
-!> have only that with all joints stuck, and correct it by the Woodbury formula: g, what the springs
-!> of the slipping joints would gain in the step, is taken back,
+!> have only that with all joints stuck, and correct it by the Woodbury formula: g, the force that
+!> the springs of the slipping joints would gain in the step, is taken back,
 !>    (1/k - beta h^2 W' S^-1 W) g = W' (x1 - x0),   a1 grows by S^-1 W g.
 module dynamics_newmark_steps
    use core_error, only: error_type
@@ -23,7 +23,7 @@ module dynamics_newmark_steps
    public :: newmark_steps, new_newmark_steps
 
    integer, parameter :: rows = register_width   !! rows of a short frame
-   integer, parameter :: narrow = 5      !! columns for a0 up to 5 dofs, else whole registers
+   integer, parameter :: narrow = 5      !! columns for a0 of up to 5 dofs; of more: whole registers
 
    !> Maps of all levels of halving.
    type :: newmark_steps
