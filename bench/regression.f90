@@ -19,7 +19,7 @@ program regression
    use numerics_sorting, only: sort_order
    use statistics_estimates, only: estimates_type, limit_beyond_samples, normal_95, &
                                    plain_percentile, stated_error, statistic_type, upward_error
-   use statistics_order, only: interval_rank
+   use statistics_percentiles, only: interval_rank
    use statistics_pool, only: new_pool, pool_type
    use statistics_scalars, only: estimate_scalars
    use statistics_spectra, only: estimate_spectrum, last_powerful

@@ -8,7 +8,7 @@
 !> percentile in a batch is estimated as that of the whole march times the mean, over the samples in
 !> the 95 % interval of its rank, of the power of a sample in this batch over its mean power in all
 !> batches, within a range of frequencies. Full spectra of every batch would take eight times the
-!> memory and tell no more.
+!> memory.
 module campaign_band_batches
    use campaign_results, only: case_statistics
    use core_kinds, only: long, wp

@@ -3,7 +3,7 @@
 !>
 !> Percentiles interpolate linearly between order statistics (Hyndman and Fan, type 7). The ends of
 !> their intervals are order statistics (binomial, 95 %), or lie beyond all samples if these are too
-!> few. With more than one group, the percentiles averaged over the groups tell where to select the
+!> few. With more than one group, the percentiles averaged over the groups show where to select the
 !> order statistics of all samples: `open_selection`, to which all values are added again, and
 !> `store_selected`.
 !>
@@ -16,7 +16,7 @@ module campaign_columns
    use numerics_statistics, only: deviation_error_of_sums, deviation_of_sums, freedoms_of_sums, &
                                   joined_sums, mean_error_of_sums, n_sums, sums_of
    use statistics_estimates, only: limit_beyond_samples, statistic_type, sort_percentiles
-   use statistics_order, only: at_rank, interval_rank
+   use statistics_percentiles, only: at_rank, interval_rank
    implicit none(type, external)
    private
    public :: column_collector, start_columns, largest_group, sample_groups
@@ -42,7 +42,6 @@ module campaign_columns
       procedure :: store_selected
       procedure :: finish
       procedure, private :: below
-      procedure, private :: is_beyond
    end type column_collector
 
 contains
@@ -98,14 +97,6 @@ contains
       rank = max(1.0_wp, min(rank, real(m, wp)))
    end function ranks_in_group
 
-   !> True if the end of an interval is beyond all samples.
-   pure logical function is_beyond(self, p, position)
-      class(column_collector), intent(in) :: self
-      integer, intent(in) :: p, position   !! percentile; middle, low or high
-
-      is_beyond = self%rank(p, position) < 1.0_wp .or. self%rank(p, position) > self%n_samples
-   end function is_beyond
-
    !> Adds the values of a group in one column; returns their percentiles and order on demand.
    pure subroutine add(self, column, group, values, in_group, ranking)
       class(column_collector), intent(inout) :: self
@@ -123,7 +114,7 @@ contains
       do position = 1, 3
          do p = 1, size(rank, 1)
             percentile(p, position) = at_rank(sorted, rank(p, position))
-            if (self%is_beyond(p, position)) &
+            if (self%rank(p, position) < 1.0_wp .or. self%rank(p, position) > self%n_samples) &
                percentile(p, position) = limit_beyond_samples(sorted, self%share_below(p), &
                                                               position == high)
          end do

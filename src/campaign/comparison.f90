@@ -11,7 +11,7 @@ module campaign_comparison
    use numerics_sorting, only: sort_order
    use numerics_statistics, only: mean, standard_deviation
    use statistics_estimates, only: statistic_type
-   use statistics_order, only: at_rank
+   use statistics_percentiles, only: at_rank
    implicit none(type, external)
    private
    public :: numerical_error, spectrum_comparison, compare_slip, compare_spectra
@@ -57,18 +57,16 @@ contains
    !> Numerical error of slip fractions that is judged by a target [points]: largest over the joints
    !> of the rms over samples. It bounds the error of the mean and, but for a factor
    !> sqrt(n/(n - 1)), that of the standard deviation; errors of samples do not cancel in it.
-   pure function slip_error(errors) result(largest)
+   pure real(wp) function slip_error(errors) result(largest)
       type(numerical_error), intent(in) :: errors
-      real(wp) :: largest
 
       largest = maxval(errors%slip_rms%value)
    end function slip_error
 
    !> Numerical error of band ratios that is judged by a target: relative, largest over the dofs; 0
    !> without bands.
-   pure function band_ratio_error(errors) result(largest)
+   pure real(wp) function band_ratio_error(errors) result(largest)
       type(numerical_error), intent(in) :: errors
-      real(wp) :: largest
 
       largest = 0.0_wp
       if (allocated(errors%band_ratio)) largest = maxval(abs(errors%band_ratio%value))
@@ -92,13 +90,15 @@ contains
       end do
    end function ratio_replicates
 
-   !> Relative changes of band ratios, as statistics of a case of n_all samples.
+   !> Relative changes of band ratios, as statistics of a case of n_all samples; 0 for a dof whose
+   !> reference is 0.
    pure function change_of_ratios(tested, reference, n_all) result(change)
       real(wp), intent(in) :: tested(:, :), reference(:, :)   !! (replicate, dof)
       integer, intent(in) :: n_all
       type(statistic_type) :: change(size(tested, 2))
 
-      change = difference_of(relative_change(tested, reference), n_all)
+      change = difference_of(merge(ratio_of(tested, reference) - 1.0_wp, 0.0_wp, &
+                                   reference > 0.0_wp), n_all)
    end function change_of_ratios
 
    !> Differences with their standard errors, from replicates: of all samples (0) and of all but the
@@ -253,11 +253,10 @@ contains
    end function replicates_of
 
    !> Percentile of all values but the i-th smallest: order statistics from i on are the next ones.
-   pure function at_rank_without(i, sorted, percentile) result(value)
+   pure real(wp) function at_rank_without(i, sorted, percentile) result(value)
       integer, intent(in) :: i
       real(wp), intent(in) :: sorted(:)   !! two or more
       real(wp), intent(in) :: percentile
-      real(wp) :: value
       real(wp) :: low, high, rank
       integer :: below, n
 
@@ -279,19 +278,17 @@ contains
    end function without
 
    !> Standard deviation; zero for one value.
-   pure function deviation(values) result(scatter)
+   pure real(wp) function deviation(values) result(scatter)
       real(wp), intent(in) :: values(:)
-      real(wp) :: scatter
 
       scatter = 0.0_wp
       if (size(values) > 1) scatter = standard_deviation(values)
    end function deviation
 
    !> Standard error from the values without one sample each, of a case of n_all samples.
-   pure function jackknife_error(replicates, n_all) result(error)
+   pure real(wp) function jackknife_error(replicates, n_all) result(error)
       real(wp), intent(in) :: replicates(:)
       integer, intent(in) :: n_all
-      real(wp) :: error
       integer :: n
 
       n = size(replicates)
@@ -300,21 +297,11 @@ contains
    end function jackknife_error
 
    !> Ratio of two values; zero if the denominator is not positive.
-   elemental function ratio_of(numerator, denominator) result(value)
+   elemental real(wp) function ratio_of(numerator, denominator) result(value)
       real(wp), intent(in) :: numerator, denominator
-      real(wp) :: value
 
       value = 0.0_wp
       if (denominator > 0.0_wp) value = numerator/denominator
    end function ratio_of
-
-   !> Relative change of a positive value; zero if the reference is not positive.
-   elemental function relative_change(tested, reference) result(value)
-      real(wp), intent(in) :: tested, reference
-      real(wp) :: value
-
-      value = 0.0_wp
-      if (reference > 0.0_wp) value = tested/reference - 1.0_wp
-   end function relative_change
 
 end module campaign_comparison

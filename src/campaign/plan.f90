@@ -158,10 +158,9 @@ contains
    end function repeats_samples
 
    !> Number of the audit of a case; 0: none.
-   pure function audit_of(plan, case_number) result(audit)
+   pure integer function audit_of(plan, case_number) result(audit)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: case_number
-      integer :: audit
 
       audit = findloc(plan%cases%audits, case_number, dim=1)
    end function audit_of

@@ -34,7 +34,8 @@ module campaign_pooling
 
 contains
 
-   !> Pools of a plan. Cases with plain estimates are in none. After a full pool follows another.
+   !> Pools of a plan. Cases with plain estimates are in none. A case that would overfill a pool
+   !> starts another one.
    pure function find_pools(plan) result(pools)
       type(plan_type), intent(in) :: plan
       type(case_pool), allocatable :: pools(:)

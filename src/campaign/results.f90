@@ -91,9 +91,8 @@ module campaign_results
 contains
 
    !> Memory of the results whose size depends on the number of steps [byte].
-   elemental function memory_of_block(block) result(bytes)
+   elemental integer(long) function memory_of_block(block) result(bytes)
       type(block_result), intent(in) :: block
-      integer(long) :: bytes
       integer(long), parameter :: real_bytes = 8, transition_bytes = 16   ! time, joint, kind
 
       bytes = real_bytes*(values_of(block%slip_series) + values_of(block%psd) &

@@ -48,11 +48,10 @@ module campaign_size
 contains
 
    !> Size of the results file [byte]: values, chunks that are not full, and headers.
-   pure function results_size(plan, transitions, models) result(bytes)
+   pure real(wp) function results_size(plan, transitions, models) result(bytes)
       type(plan_type), intent(in) :: plan           !! plan without audits
       real(wp), intent(in) :: transitions           !! transitions of a sample in a step
       type(process_model_type), intent(in) :: models(:)   !! (process) as far as they are known
-      real(wp) :: bytes
       type(plan_type) :: all_cases
       integer :: c
 
@@ -78,10 +77,9 @@ contains
 
    !> Size of a process in the file [byte], with its autocovariance and all kept solutions of a
    !> search over all signs. Lags that are not known yet are bounded.
-   elemental function size_of_process(request, model) result(bytes)
+   elemental real(wp) function size_of_process(request, model) result(bytes)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(in) :: model
-      real(wp) :: bytes
       real(wp), parameter :: reals_per_lag = 2.5_wp, reals_per_order = 3.5_wp, &
                              reals_per_node = 2.5_wp, most_lags = 4097.0_wp, &
                              most_lags_if_positive = 601.0_wp
@@ -104,11 +102,10 @@ contains
    end function size_of_process
 
    !> Size of a case in the file [byte].
-   pure function size_of_case(plan, number, transitions) result(bytes)
+   pure real(wp) function size_of_case(plan, number, transitions) result(bytes)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: number
       real(wp), intent(in) :: transitions   !! transitions of a sample in a step
-      real(wp) :: bytes
       type(output_settings) :: kept
       real(wp) :: case_bytes, n_steps, sample_bytes   ! common data, data of each sample
       integer :: n_datasets, n_kept, n_samples
@@ -191,10 +188,9 @@ contains
 
    !> Largest resident memory of a rank [byte] over the steps of a run: realizations, march,
    !> statistics, regression, and of the pilot march before them. The matrices stay to the end.
-   pure function memory_of_rank(plan, transitions) result(bytes)
+   pure real(wp) function memory_of_rank(plan, transitions) result(bytes)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: transitions   !! transitions of a sample in a step
-      real(wp) :: bytes
       real(wp) :: n_samples, pilot
 
       bytes = base_memory + real_bytes*plan%n_realizations*plan%n_points
@@ -231,9 +227,8 @@ contains
 
    !> Memory [byte] of a case in the pilot march (tradeoff_pilot): Welch segments, spectra of every
    !> step at all dofs, and four copies of the force.
-   pure function memory_of_pilot(plan) result(bytes)
+   pure real(wp) function memory_of_pilot(plan) result(bytes)
       type(plan_type), intent(in) :: plan
-      real(wp) :: bytes
 
       associate (length => plan%output%segment_length)
          bytes = real_bytes*(3.0_wp*length*plan%structure%n_dof + 4.0_wp*plan%structure%n_forces &
@@ -243,9 +238,8 @@ contains
 
    !> Memory [byte] of the matrices of the structure and of its marcher. Newmark's scheme has
    !> matrices for each halving of the step.
-   pure function memory_of_matrices(plan) result(bytes)
+   pure real(wp) function memory_of_matrices(plan) result(bytes)
       type(plan_type), intent(in) :: plan
-      real(wp) :: bytes
 
       bytes = structure_memory(plan%structure%n_dof, plan%structure%n_joints)
       if (plan%integration%method == 'newmark') &
@@ -255,9 +249,8 @@ contains
    !> Memory [byte] of the force record: prepared, in the march, and while it is drawn. The
    !> transforms of the drawing need less for a band with a lower upper end (numerics_synthesis).
    !> Records of a file for each sample are there twice.
-   pure function record_memory(plan) result(bytes)
+   pure real(wp) function record_memory(plan) result(bytes)
       type(plan_type), intent(in) :: plan
-      real(wp) :: bytes
       real(wp) :: drawn   ! records' worth of memory
 
       associate (excitation => plan%excitation)
@@ -272,9 +265,8 @@ contains
    end function record_memory
 
    !> Memory [byte] of the statistics of the spectra of all cases by one estimator.
-   pure function memory_of_tables(plan) result(bytes)
+   pure real(wp) function memory_of_tables(plan) result(bytes)
       type(plan_type), intent(in) :: plan
-      real(wp) :: bytes
 
       bytes = 0.0_wp   ! below, + 1: degrees of freedom of the mean
       if (plan%output%spectrum) &
@@ -285,9 +277,8 @@ contains
 
    !> Memory [byte] of the collectors of up to two cases at once, and of the spectra of a group of
    !> samples at some frequencies.
-   pure function memory_of_statistics(plan) result(bytes)
+   pure real(wp) function memory_of_statistics(plan) result(bytes)
       type(plan_type), intent(in) :: plan
-      real(wp) :: bytes
       integer, parameter :: most_slices = 32   ! as in driver_statistics
       !> sqrt(n) times this many values are in a bracket: 3 times 2*1.96 sqrt(p (1 - p)), p = 1/2
       real(wp), parameter :: bracket_width = 6.0_wp
@@ -313,9 +304,8 @@ contains
 
    !> Memory [byte] of the largest regression: draws of the laws of the pool; outputs, fits and
    !> predictions of one dof.
-   pure function memory_of_regression(plan) result(bytes)
+   pure real(wp) function memory_of_regression(plan) result(bytes)
       type(plan_type), intent(in) :: plan
-      real(wp) :: bytes
       type(case_pool), allocatable :: pools(:)
       real(wp) :: draws, law, outputs   ! numbers of reals
       integer :: d, n, n_draws, nf, p, stride

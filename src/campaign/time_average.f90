@@ -40,19 +40,17 @@ module campaign_time_average
 contains
 
    !> Number of spans of a march: at most 64, each of at least 32 steps.
-   pure function count_spans(integration) result(n)
+   pure integer function count_spans(integration) result(n)
       type(integration_settings), intent(in) :: integration
-      integer :: n
 
       n = (integration%n_steps - integration%n_discard)/shortest_span
       n = max(1, min(most_spans, n))
    end function count_spans
 
    !> Last step of a span. Lengths differ by one step at most.
-   pure function end_of_span(integration, span) result(step)
+   pure integer function end_of_span(integration, span) result(step)
       type(integration_settings), intent(in) :: integration
       integer, intent(in) :: span   !! 0: the transient
-      integer :: step
 
       associate (n => integration%n_steps - integration%n_discard)
          step = integration%n_discard + int(int(n, long)*span/count_spans(integration))

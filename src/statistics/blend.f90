@@ -14,7 +14,7 @@ contains
       integer, intent(in) :: n_samples               !! samples of the case
       real(wp), intent(in) :: point_error(:)         !! (output) error of `fitted` by the points
       type(estimates_type), intent(in) :: fitted     !! estimates of the regression
-      type(estimates_type), intent(inout) :: plain   !! on return times the tail factor
+      type(estimates_type), intent(inout) :: plain   !! returned with influences times tail factors
       real(wp), intent(in) :: least_share(:)         !! (output) least weight of plain sampling
       type(estimates_type), intent(out) :: blended
       integer :: o

@@ -3,7 +3,7 @@
 module statistics_estimates
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
-   use statistics_order, only: at_rank
+   use statistics_percentiles, only: at_rank
    implicit none(type, external)
    private
    public :: downward_error, estimates_type, inverse_density, limit_beyond_samples, &
@@ -130,11 +130,10 @@ contains
    !> End of a percentile's interval where no order statistic is far enough out. The values are not
    !> negative; their roots have two limits, of which the farther one is taken: 1.96 standard errors
    !> times Student's factor away, and the tolerance limit of a normal law.
-   pure function limit_beyond_samples(sorted, p, is_upper) result(value)
+   pure real(wp) function limit_beyond_samples(sorted, p, is_upper) result(value)
       real(wp), intent(in) :: sorted(:)   !! ascending
       real(wp), intent(in) :: p           !! share of the law below the percentile
       logical, intent(in) :: is_upper
-      real(wp) :: value
       type(estimates_type) :: root
       real(wp) :: centre, limit, shift, scatter
       integer :: i, n
@@ -208,11 +207,10 @@ contains
 
    !> Standard error of one output: root of Student's factor squared times the sum of squared
    !> influences times n/(n - 1), plus the bias squared; formula (10).
-   pure function stated_error(influence, bias, n_samples) result(error)
+   pure real(wp) function stated_error(influence, bias, n_samples) result(error)
       real(wp), intent(in), contiguous :: influence(:)   !! (sample)
       real(wp), intent(in) :: bias
       integer, intent(in) :: n_samples                   !! samples of the case
-      real(wp) :: error
       real(wp) :: square
 
       square = sum_of_squares(influence)

@@ -13,7 +13,7 @@ module statistics_influences
    public :: case_law_type, density_tail_ratio, find_influences, find_weights, kappa_of, &
              prepare_law, prepare_thin_points, scale_by_pairs, tail_factors, tail_ratio
 
-   !> means of exponentials have the variance of G from every 4th point
+   !> for means of exponentials the variance of G is computed at every 4th point
    integer, parameter, public :: thinning = 4
    real(wp), parameter :: largest_ratio = 4.0_wp           !! upper limit of E
    real(wp), parameter :: largest_density_ratio = 3.0_wp   !! the same for mean densities

@@ -13,7 +13,7 @@ module statistics_kernel
    !> factors of the three parts of formula (2)
    real(wp), parameter :: linear_factor = 10.0_wp, additive_factor = 0.5_wp, joint_factor = 0.5_wp
    real(wp), parameter :: third = 1.0_wp/3.0_wp
-   real(wp), parameter :: smallest_share = 1.0e-3_wp   !! least q_j of an additive part
+   real(wp), parameter :: smallest_share = 1.0e-3_wp   !! least q_j that counts, formula (2)
 
    !> Weights and length of a kernel.
    type :: kernel_type

@@ -87,7 +87,7 @@ contains
       do k = 1, n_blocks
          first = last + 1
          last = nint(k*real(size(ranking), wp)/n_blocks)
-         associate (block => ranking(first:last))   ! up and down in turn: all neighbours are near
+         associate (block => ranking(first:last))   ! up and down in turn: blocks end near the next
             block = block(rough_order((-1)**k*positions_along(draws%x(block, :), direction(:, 2))))
          end associate
       end do

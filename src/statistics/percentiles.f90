@@ -1,12 +1,43 @@
-!> Quantiles of weighted points, without sorting all of them.
+!> Order statistics: values at ranks between them, and those at which the interval of a percentile
+!> ends. Quantiles of weighted points, without sorting all of them.
 module statistics_percentiles
    use core_kinds, only: wp
    use numerics_sorting, only: sort_order
    implicit none(type, external)
    private
-   public :: find_quantile
+   public :: at_rank, find_quantile, interval_rank
 
 contains
+
+   !> Value at a rank, linear between order statistics.
+   pure real(wp) function at_rank(sorted, rank) result(value)
+      real(wp), intent(in) :: sorted(:)   !! ascending, two values or more
+      real(wp), intent(in) :: rank        !! 1..size(sorted)
+      integer :: below
+
+      below = min(int(rank), size(sorted) - 1)
+      value = sorted(below) + (rank - below)*(sorted(below + 1) - sorted(below))
+   end function at_rank
+
+   !> Rank of the order statistic at which the 95 % interval of the quantile at probability p ends:
+   !> the number of samples below the quantile is binomial. 0 or n + 1 if there are too few samples.
+   pure integer function interval_rank(n, p, is_upper) result(rank)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: p
+      logical, intent(in) :: is_upper
+      real(wp) :: cumulated, probability, logarithm
+      integer :: k
+
+      probability = merge(0.975_wp, 0.025_wp, is_upper)
+      cumulated = 0.0_wp
+      do k = 0, n
+         logarithm = log_gamma(n + 1.0_wp) - log_gamma(k + 1.0_wp) - log_gamma(n - k + 1.0_wp) &
+                     + k*log(p) + (n - k)*log(1.0_wp - p)
+         cumulated = cumulated + exp(logarithm)
+         if (cumulated > probability) exit
+      end do
+      rank = merge(k + 1, k, is_upper)
+   end function interval_rank
 
    !> Finds the quantile at probability p: linear between points, each of which stands at the middle
    !> of its weight; and the points whose cumulative weight is within half_width of p.

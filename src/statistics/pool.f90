@@ -8,8 +8,7 @@ module statistics_pool
    private
    public :: pool_type, new_pool, over_all_samples, least_plain_share
 
-   !> relative residuals: up to the first one plain sampling has no least weight, from the second
-   !> one on it has weight 1
+   !> relative residuals between which the least weight of plain sampling rises from 0 to 1
    real(wp), parameter :: small_residual = 0.25_wp, large_residual = 0.45_wp
 
    !> Inputs of all samples, and the laws of the cases.
@@ -73,9 +72,9 @@ contains
       call keep_draws(x, n_independent, self%draws(number))
    end subroutine add_law
 
-   !> Plain estimates from all samples of a case, by those from its samples in the pool. The value
-   !> is given; the bias falls as 1/n; further rows of influences, for the samples that are not in
-   !> the pool, add the rest of the variance.
+   !> Plain estimates from all samples of a case, scaled from those of its samples in the pool. The
+   !> value is given; the bias falls as 1/n; further rows of influences, for the samples beyond the
+   !> pool, add the rest of the variance.
    pure function over_all_samples(pool, number, pooled, value) result(estimates)
       type(pool_type), intent(in) :: pool
       integer, intent(in) :: number                !! number of the case

@@ -145,8 +145,8 @@ contains
       integer, intent(in) :: o                        !! output
       type(case_law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:)   !! (point)
-      real(wp), intent(in) :: of_fit                  !! a value
-      integer, intent(out) :: near(:)                 !! samples near it
+      real(wp), intent(in) :: of_fit                  !! percentile of G
+      integer, intent(out) :: near(:)                 !! samples predicted near it
       real(wp), intent(out), contiguous :: sums(:)    !! (point)
       real(wp) :: residual(size(fit%residual, 1))     ! (rank)
       integer :: before(size(fit%n_below, 1))         ! (part) samples before those near

@@ -54,15 +54,15 @@ contains
       do case_number = 1, size(plain, 3)
          call prepare_law(pool, case_number, surrogate, law, error)
          if (allocated(error)) return
-         call estimate_moments(case_number, estimates(:, :, case_number))
+         call estimate_moments(estimates(:, :, case_number))
          if (allocated(error)) return
-         call estimate_percentiles(case_number, estimates(:, :, case_number))
+         call estimate_percentiles(estimates(:, :, case_number))
       end do
 
    contains
 
-      subroutine estimate_moments(case_number, best)
-         integer, intent(in) :: case_number
+      !> Estimates the mean and the standard deviation of every number for the current case.
+      subroutine estimate_moments(best)
          type(statistic_type), intent(inout) :: best(:, :)   !! (number, statistic)
          type(estimates_type) :: fitted, sampled, blended
          real(wp) :: values(size(law%weight), n_numbers)
@@ -104,8 +104,8 @@ contains
          end associate
       end subroutine estimate_moments
 
-      subroutine estimate_percentiles(case_number, best)
-         integer, intent(in) :: case_number
+      !> Estimates the percentiles of every number for the current case.
+      subroutine estimate_percentiles(best)
          type(statistic_type), intent(inout) :: best(:, :)   !! (number, statistic)
          type(estimates_type) :: fitted, sampled, blended
          real(wp), dimension(size(law%weight), n_numbers) :: point_influence, values
@@ -168,8 +168,8 @@ contains
    end function error_limit
 
    !> True if the interval of a percentile may begin at zero: more than one sample is zero, and as
-   !> many as lie below plain sampling's interval (binomial, 95 %). A continuous G does not know a
-   !> share of the law at zero.
+   !> many as lie below plain sampling's interval (binomial, 95 %). A continuous G has no finite
+   !> probability at zero.
    pure logical function may_be_zero(y, p)
       real(wp), intent(in) :: y(:)   !! (sample), not negative
       real(wp), intent(in) :: p      !! share of the law below the percentile

@@ -60,7 +60,7 @@ contains
       call solve_positive_definite(square, b_all, error)
       if (allocated(error)) return
       variance = deviation%value(1)**2
-      root_kappa = sqrt(sqrt(deviation%kappa(1)))   ! takes 1/kappa^(1/4) from influences
+      root_kappa = sqrt(sqrt(deviation%kappa(1)))   ! removes 1/kappa^(1/4) from influences
       allocate (influence(size(fit%residual, 1)))
       do j = 1, d
          i = degree*(j - 1)

@@ -71,7 +71,7 @@ contains
          call prepare_law(pool, case_number, surrogate, law, error)
          if (allocated(error)) return
          call prepare_thin_points(surrogate, law)
-         call estimate_case(case_number, spectra(:, :, case_number), integrals(:, case_number))
+         call estimate_case(spectra(:, :, case_number), integrals(:, case_number))
       end do
 
    contains
@@ -83,8 +83,8 @@ contains
          first_of = min(1 + (k - 1)*together, size(outputs, 2) + 1)
       end function first_of
 
-      subroutine estimate_case(case_number, spectrum, integral)
-         integer, intent(in) :: case_number
+      !> Estimates the spectra and the integrals of the current case.
+      subroutine estimate_case(spectrum, integral)
          type(statistic_type), intent(inout) :: spectrum(:, :)   !! (frequency, statistic)
          type(statistic_type), intent(inout) :: integral(:)      !! (statistic)
          type(integral_type) :: sums(size(spectrum, 2))          ! (statistic)
@@ -105,16 +105,14 @@ contains
             last = first_of(k + 1) - 1
             n = last - first + 1
             call predict(fits(k), law%rows, values(:, :n))
-            call estimate_means(case_number, k, spectrum(first:last, 1), sums(1), &
-                                point_influence(:, 1))
+            call estimate_means(k, spectrum(first:last, 1), sums(1), point_influence(:, 1))
             allocate (ranking(law%last - law%first + 1, n), tail(2, n))
             do f = 1, n
                tail(:, f) = tail_ratio(law, values(:, f), fits(k)%predicted(:, f))
                ranking(:, f) = sort_order(outputs(law%first:law%last, first + f - 1))
             end do
             do s = 2, size(sums)
-               call estimate_percentiles(case_number, k, s, ranking, tail, &
-                                         spectrum(first:last, s), sums(s), &
+               call estimate_percentiles(k, s, ranking, tail, spectrum(first:last, s), sums(s), &
                                          point_influence(:, s))
             end do
             do f = first, last
@@ -142,8 +140,9 @@ contains
          call find_ratio(point_error(n + 1), sums(2), sums(n), integral(n + 1))
       end subroutine estimate_case
 
-      subroutine estimate_means(case_number, k, best, integral, point_influence)
-         integer, intent(in) :: case_number, k
+      !> Estimates the mean spectrum of the current case in group k.
+      subroutine estimate_means(k, best, integral, point_influence)
+         integer, intent(in) :: k
          type(statistic_type), intent(inout) :: best(:)      !! (frequency) of group k
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: point_influence(:)       !! on the integral
@@ -175,11 +174,11 @@ contains
          integral%value = integral%value + step*sum(blended%value)
       end subroutine estimate_means
 
-      subroutine estimate_percentiles(case_number, k, s, ranking, tail, best, integral, &
-                                      point_influence)
-         integer, intent(in) :: case_number, k, ranking(:, :)
-         integer, intent(in) :: s                            !! statistic
-         real(wp), intent(in) :: tail(:, :)
+      !> Estimates one percentile of the spectrum of the current case in group k.
+      subroutine estimate_percentiles(k, s, ranking, tail, best, integral, point_influence)
+         integer, intent(in) :: k, s                         !! group, statistic
+         integer, intent(in) :: ranking(:, :)                !! as in estimate_case
+         real(wp), intent(in) :: tail(:, :)                  !! as in estimate_case
          type(statistic_type), intent(inout) :: best(:)      !! (frequency) of group k
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: point_influence(:)       !! on the integral
