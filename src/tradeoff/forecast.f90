@@ -21,15 +21,14 @@ module tradeoff_forecast
    use statistics_law, only: n_points
    use statistics_spectra, only: last_powerful
    use statistics_surrogate, only: most_landmarks
-   use tradeoff_sample, only: choose_levels, draw_level, level_type, march_level
+   use tradeoff_sample, only: assumed_transitions, choose_levels, draw_level, history_memory, &
+                              level_type, march_level
    use tradeoff_settings, only: expected_cost, own_setting, setting_type
    implicit none(type, external)
    private
    public :: cost_type, end_seconds, measure_cost
 
    real(wp), parameter :: budget = 0.4_wp             !! expected processor time of the marches [s]
-   real(wp), parameter :: assumed_transitions = 0.3_wp  !! transitions of a sample in a step
-   real(wp), parameter :: history_memory = 32.0e6_wp  !! histories of a block [byte]
    integer, parameter :: fewest_steps = 1200
 
    !> Measured processor time, a mean over all samples. Includes spectra and other kept results.

@@ -73,7 +73,8 @@ contains
          rows(i)%is_own = i == tradeoff%own
          rows(i)%work = sum(share*[(expected_cost(rows(i)%setting, tradeoff%plan%structure%n_dof, &
                                                   size(tradeoff%levels(k)%sample), &
-                                                  tradeoff%transitions(k)), k=1, size(share))])
+                                                  tradeoff%levels(k)%transitions), &
+                              k=1, size(share))])
          rows(i)%cost = tradeoff%history_time*rows(i)%setting%parts/rows(i)%setting%stride
       end do
       do i = 1, size(tradeoff%tasks)
@@ -108,10 +109,9 @@ contains
    end function meets_targets
 
    !> Number of the row with the smallest ratio of error to target.
-   pure function nearest_to_targets(rows, slip_points, ratio) result(best_row)
+   pure integer function nearest_to_targets(rows, slip_points, ratio) result(best_row)
       type(setting_row), intent(in) :: rows(:)
       real(wp), intent(in) :: slip_points, ratio   !! 0: not wanted
-      integer :: best_row
       real(wp) :: excess(size(rows))
 
       excess = 0.0_wp

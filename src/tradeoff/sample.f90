@@ -21,11 +21,15 @@ module tradeoff_sample
    public :: fit_segments, shortened, resampled_force, only_slip_and_spectra
 
    integer, parameter :: most_levels = 4
+   !> Transitions of a sample in a step, as long as none are counted.
+   real(wp), parameter, public :: assumed_transitions = 0.3_wp
+   real(wp), parameter, public :: history_memory = 32.0e6_wp   !! histories of a timed march [byte]
 
    !> Force level with the samples that are marched at it.
    type :: level_type
       real(wp) :: strength = 0.0_wp            !! as in case_type
       integer :: n_all = 0                     !! number of the campaign's samples at this level
+      real(wp) :: transitions = assumed_transitions   !! transitions of a sample in a step
       integer, allocatable :: case_number(:)   !! (sample)
       integer, allocatable :: sample(:)        !! (sample) sample number in its case
       real(wp), allocatable :: friction(:, :)  !! (joint, sample)

@@ -16,8 +16,8 @@ module tradeoff_tasks
    use numerics_sorting, only: sort_order
    use numerics_spectrum, only: count_segments
    use process_model, only: process_model_type
-   use tradeoff_sample, only: choose_levels, draw_level, fit_segments, level_type, march_level, &
-                              shortened
+   use tradeoff_sample, only: assumed_transitions, choose_levels, draw_level, fit_segments, &
+                              history_memory, level_type, march_level, shortened
    use tradeoff_settings, only: all_settings, count_work, expected_cost, own_setting, &
                                 reference_setting, same_setting, setting_type, settings_at_dt
    use tradeoff_task_results, only: task_result
@@ -35,11 +35,8 @@ module tradeoff_tasks
    integer, parameter :: most_cases = 16          !! number of cases with a samples_task
    integer, parameter :: variant_samples = 128    !! samples of a variant's march
    integer, parameter :: most_spectra = 9         !! number of pairs that choose_spectra lists
-   !> Transitions of a sample in a step, as long as none are counted.
-   real(wp), parameter :: assumed_transitions = 0.3_wp
    !> Time of a march with the energy balance over that of one without (docs/cost.md).
    real(wp), parameter :: balance_factor = 2.0_wp
-   real(wp), parameter :: history_memory = 32.0e6_wp   !! histories of a timed march [byte]
 
    !> One march.
    type :: task_type
@@ -75,7 +72,6 @@ module tradeoff_tasks
       real(wp) :: seconds = 0.0_wp          !! expected processor time of all tasks [s]
       real(wp) :: sample_steps = 0.0_wp     !! sum of the steps of all samples of the scene
       type(level_type), allocatable :: levels(:)
-      real(wp), allocatable :: transitions(:)      !! (level) transitions of a sample in a step
       integer, allocatable :: every(:)             !! (spectrum) every k-th step enters the spectra
       integer, allocatable :: segment_length(:)    !! (spectrum) [step]
       integer, allocatable :: cases(:)             !! case numbers of the samples tasks
@@ -117,7 +113,9 @@ contains
       end if
       if (.not. scope%has_settings) tradeoff%settings = tradeoff%settings(:0)
       tradeoff%own = findloc(same_setting(tradeoff%settings, own_setting(plan)), .true., 1)
-      tradeoff%n_variant_samples = samples_of_variants(plan, file_force)
+      tradeoff%n_variant_samples = variant_samples
+      if (plan%excitation%per_sample) &   ! then a block at most
+         tradeoff%n_variant_samples = samples_of_block(plan, file_force)
       tradeoff%common_setting = setting_type('event', tolerance=1.0e-6_wp)
       call count_work(plan, tradeoff%common_setting, error)
       do i = 1, size(tradeoff%settings)
@@ -179,15 +177,6 @@ contains
       affordable = int(min(1.0e9_wp*budget/cost, 1.0e9_wp))
    end function affordable
 
-   !> Number of samples of a variant's march: a block at most if each has its own force record.
-   pure integer function samples_of_variants(plan, file_force)
-      type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
-
-      samples_of_variants = variant_samples
-      if (plan%excitation%per_sample) samples_of_variants = samples_of_block(plan, file_force)
-   end function samples_of_variants
-
    !> Number of samples of a full block: as many as have a record, if each has its own in a file.
    pure integer function samples_of_block(plan, file_force)
       type(plan_type), intent(in) :: plan
@@ -215,7 +204,6 @@ contains
       measured = 0.0_wp
       n = max(tradeoff%plan%integration%n_steps, tradeoff%long_plan%integration%n_steps)
       allocate (tradeoff%references(size(tradeoff%levels)))
-      allocate (tradeoff%transitions(size(tradeoff%levels)), source=assumed_transitions)
       do k = 1, size(tradeoff%levels)
          associate (level => tradeoff%levels(k), reference => tradeoff%references(k), &
                     plan => tradeoff%plan, campaign => tradeoff%runner%plan)
@@ -224,11 +212,11 @@ contains
             if (size(tradeoff%settings) == 0) cycle
             call march_level(plan, level, setting, should_stop, reference, nanoseconds, error)
             if (allocated(error) .or. reference%n_samples == 0) return
-            tradeoff%transitions(k) = sum(reference%slip_starts + reference%stick_starts) &
-                                      /(real(plan%integration%n_steps, wp)*size(level%sample))
+            level%transitions = sum(reference%slip_starts + reference%stick_starts) &
+                                /(real(plan%integration%n_steps, wp)*size(level%sample))
             measured = measured + nanoseconds
             expected = expected + expected_cost(setting, plan%structure%n_dof, &
-                                                size(level%sample), tradeoff%transitions(k))
+                                                size(level%sample), level%transitions)
          end associate
       end do
       if (expected > 0.0_wp) tradeoff%time_over_expected = measured/expected
@@ -270,7 +258,8 @@ contains
       allocate (tradeoff%every(0), tradeoff%segment_length(0), tradeoff%cases(0))
       tradeoff%n_cases = sharing_cases(tradeoff%plan)
       tasks = [((task_type(variant_task, i, k), i=1, size(tradeoff%scope%variants)), k=1, n_levels)]
-      tasks = pack(tasks, [(can_be_marched(tradeoff, tasks(i)), i=1, size(tasks))])
+      tasks = pack(tasks, [(case_of(tradeoff, tasks(i)) > 0 .and. tradeoff%n_variant_samples > 1, &
+                            i=1, size(tasks))])
       tasks = [tasks, ((task_type(setting_task, i, k), k=1, n_levels), &
                        i=1, size(tradeoff%settings))]
       if (tradeoff%scope%is_statistical) then
@@ -295,8 +284,8 @@ contains
       integer :: n_samples
 
       call choose_march(tradeoff, task, plan, setting, n_samples)
-      transitions = maxval(tradeoff%transitions)
-      if (task%level > 0) transitions = tradeoff%transitions(task%level)
+      transitions = maxval(tradeoff%levels%transitions)
+      if (task%level > 0) transitions = tradeoff%levels(task%level)%transitions
       cost = real(plan%integration%n_steps, wp)*n_samples &
              *expected_cost(setting, plan%structure%n_dof, n_samples, transitions)
       if (plan%output%energy) cost = balance_factor*cost
@@ -337,23 +326,16 @@ contains
       end select
    end subroutine choose_march
 
-   !> True if the variant of a task has a solution, and its process a case at the task's level.
-   pure logical function can_be_marched(tradeoff, task)
-      type(tradeoff_type), intent(in) :: tradeoff
-      type(task_type), intent(in) :: task
-
-      can_be_marched = tradeoff%scope%variant_models(task%row)%is_solved .and. &
-                       tradeoff%n_variant_samples > 1 .and. case_of(tradeoff, task) > 0
-   end function can_be_marched
-
-   !> Number of the case that has the process of the task's variant and its level; 0: none.
+   !> Number of the case that has the process of the task's variant and its level; 0: there is none,
+   !> or the variant has no solution.
    pure integer function case_of(tradeoff, task)
       type(tradeoff_type), intent(in) :: tradeoff
       type(task_type), intent(in) :: task
 
       associate (cases => tradeoff%plan%cases, level => tradeoff%levels(task%level))
          case_of = findloc(cases%process == tradeoff%scope%variants(task%row)%process .and. &
-                           abs(cases%strength - level%strength) <= 0.0_wp, .true., 1)
+                           abs(cases%strength - level%strength) <= 0.0_wp .and. &
+                           tradeoff%scope%variant_models(task%row)%is_solved, .true., 1)
       end associate
    end function case_of
 
@@ -390,10 +372,8 @@ contains
       integer, allocatable :: random(:)
       integer :: i, n
 
-      associate (cases => tradeoff%plan%cases)
-         random = pack([(i, i=1, size(cases))], cases%process > 0 .and. &
-                       [(case_width(tradeoff, i) > 1, i=1, size(cases))])
-      end associate
+      random = pack([(i, i=1, size(tradeoff%plan%cases))], tradeoff%plan%cases%process > 0 .and. &
+                    [(case_width(tradeoff, i) > 1, i=1, size(tradeoff%plan%cases))])
       n = min(most_cases, size(random))
       tradeoff%cases = [(random(1 + ((i - 1)*size(random))/n), i=1, n)]
    end subroutine choose_cases
@@ -403,15 +383,15 @@ contains
    pure integer function case_width(tradeoff, case_number)
       type(tradeoff_type), intent(in) :: tradeoff
       integer, intent(in) :: case_number
-      logical :: is_bounded
+      logical :: has_given_values
 
       associate (plan => tradeoff%runner%plan, &
                  case => tradeoff%runner%plan%cases(case_number))
-         is_bounded = plan%excitation%kind == 'file' .and. plan%excitation%per_sample
-         if (case%process > 0) &
-            is_bounded = is_bounded .or. plan%processes(case%process)%method == 'values'
+         has_given_values = .false.
+         if (case%process > 0) has_given_values = plan%processes(case%process)%method == 'values'
          case_width = block_width(plan)
-         if (is_bounded) case_width = min(case_width, case%n_samples)
+         if (has_given_values .or. plan%excitation%kind == 'file' .and. &
+             plan%excitation%per_sample) case_width = min(case_width, case%n_samples)
       end associate
    end function case_width
 

@@ -179,8 +179,8 @@ contains
    pure logical function share_variants(a, b)
       type(process_request), intent(in) :: a, b
 
-      share_variants = same_kind(a, b) .and. (a%positive .eqv. b%positive)
-      if (share_variants .and. a%positive) share_variants = a%sampler == b%sampler
+      share_variants = same_kind(a, b) .and. (a%positive .eqv. b%positive) .and. &
+                       (a%sampler == b%sampler .or. .not. a%positive)
    end function share_variants
 
    !> Lets all sequential samplers start the same number of values before the first point. The same
@@ -188,13 +188,9 @@ contains
    pure subroutine use_common_memory(models)
       type(process_model_type), intent(inout) :: models(:)
       logical :: is_sequential(size(models))
-      integer :: i
 
-      is_sequential = .false.
-      do i = 1, size(models)
-         if (models(i)%is_solved .and. models(i)%request%positive) &
-            is_sequential(i) = models(i)%request%sampler == 'sequential'
-      end do
+      is_sequential = models%is_solved .and. models%request%positive .and. &
+                      models%request%sampler == 'sequential'
       where (is_sequential) models%memory = maxval(models%memory, mask=is_sequential)
    end subroutine use_common_memory
 
