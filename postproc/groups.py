@@ -6,6 +6,7 @@ among some hundred. Here axes are found by their addresses.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ def open_group(path: Path, name: str) -> xr.Dataset:
             raise OSError(f"/{name} is not a group")
         axes = _axes(group)
         own = {
-            key: _variable(path, item, axes) for key, item in group.items()
+            key: _variable(path, item, axes) for key, item in _members(group)
             if isinstance(item, h5py.Dataset)
         }  # fmt: skip
         used = {dim for variable in own.values() for dim in variable.dims}
@@ -42,11 +43,20 @@ def open_group(path: Path, name: str) -> xr.Dataset:
     return data
 
 
+def _members(group: h5py.Group) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
+    """Names and objects of a group; h5py's own `items` gives None for a damaged object."""
+    for name in group:
+        try:
+            yield name, group[name]
+        except KeyError as error:
+            raise OSError(f"{group.name}/{name}: {error.args[0]}") from error
+
+
 def _axes(group: h5py.Group) -> dict[int, tuple[str, str]]:
     """Name and place of every scale in a group and those above it, by address."""
     found = {}
     while True:
-        for name, item in group.items():
+        for name, item in _members(group):
             if isinstance(item, h5py.Dataset) and item.is_scale:
                 found[_address(item)] = (name, item.name)
         if group.name == "/":

@@ -306,21 +306,20 @@ def with_own_names(files: Sequence[Results]) -> list[Results]:
 
 def find_damage(path: Path) -> str | None:
     """The first dataset that cannot be read, and why; reads the whole file, a chunk at a time."""
-    found: list[str] = []
-
-    def try_to_read(name: str, item: h5py.Group | h5py.Dataset) -> bool | None:
-        try:
-            if isinstance(item, h5py.Dataset):
-                for chunk in item.iter_chunks() if item.chunks else [()]:
-                    item[chunk]
-        except OSError as error:
-            found.append(f"/{name}: {error}")
-            return True  # enough
-        return None
-
     with h5py.File(path) as file:
-        file.visititems(try_to_read)
-    return found[0] if found else None
+        groups = [file["/"]]
+        for group in groups:
+            for name in group:
+                try:
+                    item = group[name]
+                    if isinstance(item, h5py.Group):
+                        groups.append(item)
+                    else:
+                        for chunk in item.iter_chunks() if item.chunks else [()]:
+                            item[chunk]
+                except (OSError, KeyError) as error:  # of numbers, of a header
+                    return f"{group.name.rstrip('/')}/{name}: {error.args[0]}"
+    return None
 
 
 def _read(path: Path) -> Results:

@@ -74,11 +74,13 @@ contains
          do i = 1, size(words)
             word = trim(words(i))
             name = word(:scan(word//'/', '/(') - 1)
-            if (.not. group%has(name)) then
-               call add(group%path_of(name)//' is missing')
-            else if (index(' '//members//' ', ' '//word//' ') == 0) then
-               call add(group%path_of(name)//' does not have the shape '//word(len(name) + 1:)// &
-                        ' any more')
+            if (index(' '//members//' ', ' '//word//' ') == 0) then
+               if (group%has(name)) then
+                  call add(group%path_of(name)//' does not have the shape '// &
+                           word(len(name) + 1:)//' any more')
+               else
+                  call add(group%path_of(name)//' is missing')
+               end if
             else if (word == name//'/') then
                call check_group(group%path_of(name))
             else

@@ -22,7 +22,7 @@ from entroslip.figures import gallery_page, looks, process_figures, study_figure
 from entroslip.figures.chain_figure import plot_chain
 from entroslip.figures.figure import SECTIONS, Figure
 from entroslip.paper.printed import AXES
-from entroslip.results import ResultsError
+from entroslip.results import ResultsError, find_damage
 from entroslip.table import rounded, value_with_error
 from entroslip.tables import beside_paper, table_audit, table_frequencies, table_slip
 from tests.conftest import ROOT
@@ -263,17 +263,24 @@ def test_a_file_that_is_none_is_refused(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def test_a_damaged_dataset_is_named(results_file, process_file, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("name", "rule"),
+    [
+        ("campaign/c003/psd_mean", "is damaged: "),
+        ("campaign/c003/slip_mean", "cannot be read as HDF5: "),  # its values lie in its header
+    ],
+)
+def test_a_damaged_dataset_is_named(results_file, process_file, tmp_path, capsys, name, rule):
     damaged = tmp_path / "damaged.h5"
-    name = "campaign/c003/psd_mean"
-    with h5py.File(results_file) as file:
-        place = file[name].id.get_chunk_info(0).byte_offset
     contents = bytearray(results_file.read_bytes())
+    with h5py.File(results_file) as file:
+        place = contents.index(file[name][()].tobytes())
     contents[place + 8] ^= 1
     damaged.write_bytes(contents)
     assert main([str(process_file), str(damaged), "--out", str(tmp_path / "figures")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"{damaged}: is damaged: /{name}: ")
+    assert line.startswith(f"{damaged}: {rule}/{name}: ")
+    assert find_damage(damaged).startswith(f"/{name}: ")
 
 
 def test_a_folder_that_cannot_be_is_refused(process_file, tmp_path, capsys):

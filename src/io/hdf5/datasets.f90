@@ -52,9 +52,10 @@ contains
       call group%change_to(path)
    end function new_group
 
-   !> Creates a dataset without values: a scalar in the header of its object, an array in chunks,
-   !> both with checksums of HDF5. A dataset with the name of its only axis becomes that axis; it
-   !> must be made before the datasets that have the axis.
+   !> Creates a dataset without values: a small one in the header of its object, where it is opened
+   !> and read the fastest, a large one in chunks, both with checksums of HDF5. A dataset with the
+   !> name of its only axis becomes that axis; it must be made before the datasets that have the
+   !> axis.
    subroutine make(self, name, extents, units, long_name, axes, kind, chunk)
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name
@@ -66,6 +67,7 @@ contains
       character(*), intent(in), optional :: kind
       integer, intent(in), optional :: chunk(:)    !! Fortran's order; absent: that of chunk_of
       type(hdf5_object) :: object
+      integer(hsize_t), parameter :: most_in_header = 512   ! values: 4 kB; HDF5 allows 64 kB
       integer(hsize_t) :: chunks(size(extents))
       integer(hid_t) :: dataset, number, properties, space
       integer :: status
@@ -73,9 +75,9 @@ contains
       if (allocated(self%error)) return
       call new_timeless_list(H5P_DATASET_CREATE_F, properties)
       call h5screate_simple_f(size(extents), extents, space, status)   ! without axes: a scalar
-      if (size(extents) == 0) then
+      if (product(extents) <= most_in_header) then
          call h5pset_layout_f(properties, H5D_COMPACT_F, status)
-      else if (all(extents > 0)) then
+      else
          chunks = chunk_of(int(extents, long))
          if (present(chunk)) chunks = chunk
          call h5pset_chunk_f(properties, size(extents), chunks, status)

@@ -131,32 +131,35 @@ contains
       class(hdf5_file), intent(in) :: self
       character(*), intent(in) :: path
       logical :: is_group
-      integer(hid_t) :: object
-      integer :: kind, status
+      integer(hid_t) :: group
+      integer :: status
 
-      call h5oopen_f(self%id, path, object, status)
-      call h5iget_type_f(object, kind, status)
-      is_group = status >= 0 .and. kind == H5I_GROUP_F
-      call h5oclose_f(object, status)
+      call h5gopen_f(self%id, path, group, status)
+      is_group = status >= 0
+      if (is_group) call h5gclose_f(group, status)
       call forget_failure()
    end function is_group
 
-   !> Lists the names in a group, sorted.
+   !> Lists the names in a group, sorted. HDF5 would sort all of them for each name that it gives.
    subroutine list(self, group, names, error)
       class(hdf5_file), intent(in) :: self
       character(*), intent(in) :: group
       character(:), allocatable, intent(out) :: names(:)   !! padded with blanks
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: longest = 64
-      integer :: i, n, status
+      character(longest) :: name
+      integer :: i, n, n_before, status
 
       call h5gn_members_f(self%id, group, n, status)
       if (status < 0) n = 0   ! HDF5 leaves it undefined
       allocate (character(longest) :: names(n))
       do i = 1, size(names)
-         names(i) = ''
-         call h5lget_name_by_idx_f(self%id, group, H5_INDEX_NAME_F, H5_ITER_INC_F, &
-                                   int(i - 1, hsize_t), names(i), status)
+         name = ''
+         call h5lget_name_by_idx_f(self%id, group, H5_INDEX_NAME_F, H5_ITER_NATIVE_F, &
+                                   int(i - 1, hsize_t), name, status)
+         n_before = count(names(:i - 1) < name)
+         names(n_before + 2:i) = names(n_before + 1:i - 1)
+         names(n_before + 1) = name
       end do
       call conclude(self%path//': '//group//': cannot be listed', error)
    end subroutine list
