@@ -23,7 +23,7 @@ module config_text_namelist
    type :: group_type
       character(32) :: name = ''          !! name in lower case, cut at 32 characters
       type(token_type) :: place           !! &name
-      logical :: has_unknown = .false.    !! true if an unknown name in it was complained of
+      logical :: has_unknown = .false.    !! true if it has an unknown name, or text without '='
    end type group_type
 
    !> One `name = values` or `name(lower:upper) = values`.
@@ -131,6 +131,7 @@ contains
             call parse_assignment(document, size(document%groups), i)
          else
             call document%complain(token, document%rule_on(token, 'expected name = value'))
+            document%groups(size(document%groups))%has_unknown = .true.
             i = end_of_values(document%tokens, i)
          end if
          i = i + 1
