@@ -39,6 +39,7 @@ module io_lock
       character(:), allocatable :: path             !! path of the lock file
       character(:), allocatable :: name             !! this run's name in it; '' on a full disk
       type(c_ptr) :: stream = c_null_ptr            !! open lock file
+      character(:), allocatable :: new_folder       !! folder that was made for the output
       logical :: is_shared = .false.
       !> device, inode, size and time of the output as it was found or left; zeros: no file
       integer(c_long) :: stamp(size(stamp_words)) = 0
@@ -65,6 +66,7 @@ contains
       lock%path = output//'.lock'
       if (present(is_shared)) lock%is_shared = is_shared
       call check_length(output, error)
+      if (.not. exists(folder_of(output))) lock%new_folder = folder_of(output)
       if (.not. allocated(error)) call make_folder(folder_of(output), error)
       if (.not. allocated(error)) call acquire(lock, error)
       if (.not. allocated(error)) lock%stamp = stamp_of(output)
@@ -201,14 +203,17 @@ contains
       ignored = lockf_succeeds(self, unlock, n_presence_bytes + int(number, c_long), one_byte)
    end subroutine release_claim
 
-   !> Releases the lock. A run alone first removes the file, while it is still locked.
+   !> Releases the lock. A run alone first removes the file, while it is still locked. A folder that
+   !> was made for the output goes if it is empty.
    subroutine release(self, error)
       class(lock_type), intent(inout) :: self
       type(error_type), allocatable, intent(out) :: error
+      type(error_type), allocatable :: ignored
 
       if (.not. self%is_held()) return
       if (is_ours(self) .and. .not. self%is_shared) call remove_file(self%path, error)
       call close_lock(self)
+      if (allocated(self%new_folder)) call remove_file(self%new_folder, ignored)
    end subroutine release
 
    subroutine open_lock(lock, error)
