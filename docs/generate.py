@@ -139,7 +139,7 @@ ATTRIBUTES = {
     "reason": "why there is no solution, with the nearest request that has one",
     "reference": "reference of the errors",
     "sampler": "law of a positive process: 'sequential' or 'exact'",
-    "scene": "text of the scene, followed by the --set options as comments",
+    "scene": "text of the scene",
     "search": "how the signs were found",
     "seed": "seed of all random streams",
     "segment_length": "length of a Welch segment [kept displacements]",

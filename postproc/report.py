@@ -235,14 +235,13 @@ def _figure(figure: Figure, png: Path, statements: Sequence[Statement]) -> str:
 
 def _scenes(files: Sequence[Results]) -> str:
     """Each scene once, whatever was done with it."""
-    first = {str(results.attrs.get("scene", "")): results for results in reversed(files)}
+    first = {results.scene: results for results in reversed(files)}
     return "".join(_scene(results) for results in files if results in first.values())
 
 
 def _scene(results: Results) -> str:
-    scene = escape(str(results.attrs.get("scene", "")))
-    overrides = str(results.attrs.get("overrides") or "")
-    changed = f'<p class="note">Changed by --set: {escape(overrides)}</p>' if overrides else ""
+    scene, overrides = map(escape, results.scene)
+    changed = f'<p class="note">Changed by --set: {overrides}</p>' if overrides else ""
     return (
         f"<h3>{escape(results.title)}</h3>{changed}"
         f"<details open><summary>the scene as run</summary><pre>{scene}</pre></details>"

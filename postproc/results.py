@@ -238,6 +238,11 @@ class Results:
         return str(self.attrs.get("title") or self.stem)
 
     @property
+    def scene(self) -> tuple[str, str]:
+        """Text of the scene, and the options that change it."""
+        return str(self.attrs.get("scene", "")), str(self.attrs.get("overrides") or "")
+
+    @property
     def stem(self) -> str:
         """The file's name without its ending, whatever bytes it is made of."""
         return self.name or readable(self.path.stem)

@@ -283,8 +283,7 @@ SOURCES: tuple[Callable[[Results], Iterator[Figure]], ...] = (
 
 def _processes_of_scene(results: Results, files: Sequence[Results]) -> dict[str, xr.Dataset]:
     """The processes of the scene, of whichever file of it has them."""
-    scene = results.attrs.get("scene")
-    alike = (other.processes for other in files if other.attrs.get("scene") == scene)
+    alike = (other.processes for other in files if other.scene == results.scene)
     return next((processes for processes in alike if processes), {})
 
 

@@ -42,29 +42,13 @@ contains
       type(reader_type) :: reader
 
       scene%path = source%name
-      scene%text = with_options(source%text, overrides)
+      scene%text = source%text
       call reader%parse(source, overrides)
       call check_groups(reader, scene%has_unknown_group)
       call read_groups(reader, scene)
       call check_rules(scene, reader)
       complaints = reader%complaints
    end subroutine parse_scene
-
-   !> Text of the scene with the options as comments at its end, for the results.
-   pure function with_options(text, overrides) result(all_text)
-      character(*), intent(in) :: text
-      character(*), intent(in) :: overrides(:)
-      character(:), allocatable :: all_text
-      character(*), parameter :: line_feed = new_line('a')
-      integer :: i
-
-      all_text = text
-      if (size(overrides) == 0) return
-      if (index(text, line_feed, back=.true.) < len(text)) all_text = all_text//line_feed
-      do i = 1, size(overrides)
-         all_text = all_text//'! --set '//trim(overrides(i))//line_feed
-      end do
-   end function with_options
 
    !> Complains of unknown groups, and of repeated groups other than &process.
    subroutine check_groups(reader, has_unknown)

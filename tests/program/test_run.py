@@ -160,4 +160,4 @@ def test_set_overrides_and_is_recorded(entroslip, small_scene, tmp_path):
     done = entroslip("run", small_scene, "--set", "integration%n_steps=2048", "--output", "r.h5")
     assert done.returncode == 0, done.stderr
     with h5py.File(tmp_path / "r.h5") as file:
-        assert "integration%n_steps=2048" in str(file.attrs["scene"])
+        assert file.attrs["overrides"] == "integration%n_steps=2048"
