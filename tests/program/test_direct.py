@@ -15,7 +15,7 @@ SHARED = """\
          mean = 0 std = 1 positive = f /
 &process method = 'direct' correlation = 'L1' correlation_length = 3 order = 5 all_signs = t
          mean = 0 std = 1 positive = f /
-&process method = 'direct' correlation = 'L0' correlation_length = 0.3 order = 0 bound_l1 = 2
+&process method = 'direct' correlation = 'L0' correlation_length = 0.3 order = 0 bound_l1 = 1.6
          all_signs = t mean = 0 std = 1 positive = f /
 """
 

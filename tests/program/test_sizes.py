@@ -35,7 +35,7 @@ CASES = {
     "without_spectra": {"n_samples": 64, "kept": "'slip', 'spectrum' samples = .false."},
     "histories": {"n_steps": 40000, "kept": "'slip', 'history'"},
     "transitions": {"n_steps": 20000, "n_samples": 32, "kept": "'slip', 'transitions'"},
-    "many_masses": {"n_dof": 400},
+    "many_masses": {"n_dof": 400, "n_steps": 1000},
     "many_cases": {"n_dof": 90, "n_steps": 3000, "variance": "10, 20, 30, 40, 50, 60, 70, 80, 90"},
     "many_levels": {"n_steps": 40000, "n_samples": 1, "variance": LEVELS},  # the pilot march
     "long_march": {"n_dof": 1, "n_steps": 2000000, "n_samples": 1, "kept": "'slip', 'spectrum'"},
