@@ -71,7 +71,7 @@ def plot_records(axes: Axes, records: Records, process: xr.Dataset) -> None:
     axes.axhspan(mean - std, mean + std, color="0.92", zorder=0, label="mean ± std")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="joint", ylabel="measured value")
-    _legend_beside(axes)
+    style.add_legend(axes)
 
 
 def plot_correlation(
@@ -89,7 +89,7 @@ def plot_correlation(
     axes.axhline(0.0, color="0.3", linewidth=0.9, zorder=0)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set(xlabel="lag [joints]", ylabel="correlation")
-    _legend_beside(axes)
+    style.add_legend(axes)
 
 
 def plot_distribution(axes: Axes, records: Records, copies: list[Records]) -> None:
@@ -99,7 +99,7 @@ def plot_distribution(axes: Axes, records: Records, copies: list[Records]) -> No
     axes.plot(middle, middle, color="0.3", linewidth=0.9, label="process")
     axes.plot(middle, _sorted(records), "o", color="#D55E00", markersize=3.5, label="measured")
     axes.set(xlabel="median of the process, rank by rank", ylabel="measured value")
-    _legend_beside(axes)
+    style.add_legend(axes)
 
 
 def correlation_of(records: Records) -> NDArray[np.float64]:
@@ -136,7 +136,3 @@ def _copies(records: Records, process: xr.Dataset, path: Path) -> list[Records]:
 def _sorted(records: Records) -> NDArray[np.float64]:
     values = np.concatenate(records)
     return np.sort(values[~np.isnan(values)])
-
-
-def _legend_beside(axes: Axes) -> None:
-    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
