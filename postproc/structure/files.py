@@ -159,6 +159,8 @@ def _of_entries(entries: Entries) -> _Read:
     """Text with named dofs; of a symmetric matrix that is given once the rest is its mirror."""
     if entries.refusal:
         raise InputError(entries.refusal)
+    if not entries.values:
+        raise InputError(f"{entries.path}: the matrix has no entries")
     dofs = entries.dofs()
     is_plain = all(dof == 0 for _, dof in dofs)
     if is_plain:

@@ -73,8 +73,6 @@ def read_abaqus(path: Path) -> Entries:
             else ((places[0], 0), (places[1], 0))
         )
         entries.add(row, column, _real(words[-1], path, number), number)
-    if not entries.values:
-        raise InputError(f"{path}: has no entries")
     return entries
 
 

@@ -364,6 +364,7 @@ def spoilt(folder):
     (folder / "twice.inp").write_text("1,1,1,1,2.0\n1,1,1,1,3.0\n")
     (folder / "short.inp").write_text("1,1,1,1,2.0\n1,1,1\n")
     (folder / "complex.pch").write_text("DMIG    K              0       6       3       0\n")
+    (folder / "cut.pch").write_text("DMIG    K              0       6       2       0\n")
     (folder / "late.pch").write_text(
         "$\nDMIG    K              1       1               1       1\n"
     )
@@ -387,6 +388,7 @@ def spoilt(folder):
         "far row": (of(folder / "far.inp"), "far.inp: row 99999999999999999999: must be from 1 to"),
         "empty": (of(folder / "empty.npy"), "empty.npy: cannot be read as a NumPy array"),
         "complex DMIG": (of(folder / "complex.pch"), "complex.pch:1: DMIG K: must be real"),
+        "no entries": (of(folder / "cut.pch"), "cut.pch: the matrix has no entries"),
         "no header": (of(folder / "late.pch"), "late.pch:2: DMIG K: its header must come first"),
         "no such name": (of(f"{a}:Q"), "a.npz: has no Q, only K, M, complex"),
         "no names": (of(f"{SNIPPETS}/rod_STIF1.mtx:K"), "one matrix without a name: leave :K out"),
