@@ -268,6 +268,11 @@ class Results:
         return tree
 
 
+def shared_friction(cases: Sequence[Case]) -> str:
+    """Law of the friction in words; '' if the cases have several processes."""
+    return cases[0].friction if len({case.process for case in cases}) == 1 else ""
+
+
 def _on_all_dofs(data: xr.Dataset, dof: xr.DataArray) -> xr.Dataset:
     """Spectra and histories of some dofs on the axis of all, not a number where none was kept."""
     if "kept_dof" not in data.dims:

@@ -14,7 +14,7 @@ from .joints import slip_with_error
 from .paper.evidence import Statement
 from .paper.printed import SLIP_HZ, SLIP_PERCENT, STDS, STUCK_HZ, is_paper_study
 from .processes import imposed_lengths, is_maximum_entropy
-from .results import Case, Results
+from .results import Case, Results, shared_friction
 from .table import Table, value_with_error
 
 _MOST_COLUMNS = 12  # of a table over joints or modes; longer chains stand upright
@@ -190,7 +190,8 @@ def _with_random_friction(results: Results, variance: float) -> list[tuple[str, 
 def table_joints(cases: Sequence[Case], quantity: joints.OfJoints) -> Table:
     """A quantity of each joint and case with its error, what there is more of below one another."""
     joint_names = [str(i + 1) for i in range(cases[0].n_joints)]
-    case_names = [f"{case.name}: {case.label}" for case in cases]
+    friction = shared_friction(cases)
+    case_names = [f"{case.name}: {case.force if friction else case.label}" for case in cases]
     cells = [list(map(value_with_error, *quantity.of(case))) for case in cases]
     if len(cases) > len(joint_names):
         corner, names, lines = "case", [f"joint {name}" for name in joint_names], case_names
@@ -201,6 +202,7 @@ def table_joints(cases: Sequence[Case], quantity: joints.OfJoints) -> Table:
     rows = [(line, *row) for line, row in zip(lines, cells, strict=True)]
     name = "joints" if quantity.name == "slip" else f"joints_{quantity.name}"
     title = f"{quantity.title[0].upper()}{quantity.title[1:]} of the joints [{quantity.unit}]"
+    title += f", {friction}" if friction else ""
     return Table(
         name, title, header, rows, f"{_ERRORS} {quantity.errors(cases)}.",
         is_detail=len(cases) > _MOST_COLUMNS or len(rows) > _MOST_ROWS, is_result=True,

@@ -13,7 +13,7 @@ from .. import joints, tradeoff
 from ..harmonic import sweeps_of
 from ..paper.peaks import scatter_of_ln_psd
 from ..paper.printed import LEVELS, is_paper_study
-from ..results import Case, Results
+from ..results import Case, Results, shared_friction
 from . import (
     chain_figure,
     harmonic_gallery,
@@ -197,11 +197,12 @@ def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
         own = _few_lines(there)
         if own:
             some = f" {len(own)} of {len(there)} cases." if len(own) < len(there) else ""
+            friction = shared_friction(own)
             yield Figure(
                 f"along_{quantity.name}",
                 f"{quantity.title[0].upper()}{quantity.title[1:]} along the structure",
-                "Mean over samples of each joint. Bars are 95 % intervals,"
-                f" {quantity.errors(own)}.{some}",
+                f"Mean over samples of each joint{f', {friction}' if friction else ''}."
+                f" Bars are 95 % intervals, {quantity.errors(own)}.{some}",
                 _STUDY,
                 (partial(study_figures.plot_along, cases=own, quantity=quantity),),
             )  # fmt: skip

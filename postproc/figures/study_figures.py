@@ -19,7 +19,7 @@ from ..paper.deterministic_statements import FULLY
 from ..paper.evidence import WIDTH
 from ..paper.peaks import scatter_of_ln_psd
 from ..paper.slip_statements import ABOUT_03
-from ..results import Case, Results
+from ..results import Case, Results, shared_friction
 from . import looks, style
 
 _Marks = tuple[NDArray[np.float64], NDArray[np.float64], Any]  # x, y (joint), colour
@@ -236,7 +236,9 @@ def plot_along(axes: Axes, cases: Sequence[Case], quantity: OfJoints) -> None:
     named = looks.of_processes(cases)
     for rank, case in enumerate(cases):
         mean, error = quantity.of(case)
-        name = f"{named[case.process][0]}, std {case.std:.3g}, {looks.level_name(case)}"
+        name = looks.level_name(case)
+        if not shared_friction(cases):
+            name = f"{named[case.process][0]}, std {case.std:.3g}, {name}"
         look = style.of_rank(rank, len(cases))
         if mean.size > _MOST_MARKED:
             look["marker"] = "none"

@@ -63,8 +63,9 @@ def test_many_cases_stand_below_one_another(results):
     """A sweep has more cases than the structure has joints: a row a case."""
     table = tables.table_joints([*results.cases] * 4, joints.QUANTITIES[0])
     assert table.header == ("case", *(f"joint {i} [%]" for i in range(1, 5)))
+    assert table.title.endswith(" [%], std 0.06, L0 = 1")  # the friction of all
     assert [row[0] for row in table.rows[:2]] == [
-        f"{case.name}: {case.label}" for case in results.cases[:2]
+        f"{case.name}: {case.force}" for case in results.cases[:2]
     ]  # fmt: skip
     upright = tables.table_joints(results.cases, joints.QUANTITIES[0])
     assert table.rows[1][1:] == tuple(row[2] for row in upright.rows)
