@@ -176,10 +176,8 @@ def _of_entries(entries: Entries) -> _Read:
     )
     if entries.is_half():
         matrix = sp.csc_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
-    return _Read(
-        str(entries.path), matrix, None if is_plain else tuple(dofs), held_dofs(entries),
-        entries.note,
-    )  # fmt: skip
+    names = None if is_plain else tuple(dofs)
+    return _Read(str(entries.path), matrix, names, held_dofs(entries), entries.note)
 
 
 def _npy(path: Path) -> dict[str, Any]:

@@ -103,8 +103,7 @@ def read_dmig(path: Path) -> dict[str, Entries]:
         if found[label].refusal:
             continue
         column = _dof(rest[0:2], path, number)
-        groups = [rest[i : i + 4] for i in range(3, len(rest), 4)]
-        for group in groups:
+        for group in (rest[i : i + 4] for i in range(3, len(rest), 4)):
             if not any(word.strip() for word in group):
                 continue
             row = _dof(group[0:2], path, number)
@@ -131,8 +130,7 @@ def _cards(path: Path) -> Iterator[tuple[int, list[str]]]:
                 yield begun, card
             card, begun = [], number
         if is_first or is_more:
-            fields = _fields(line, starts=is_first)
-            card += fields
+            card += _fields(line, starts=is_first)
     if card:
         yield begun, card
 

@@ -181,18 +181,16 @@ def test_dmig_in_free_fields_is_read(tmp_path):
     np.testing.assert_array_equal(pair.stiffness.toarray(), [[4.0, -1.0], [-1.0, 3.0]])
 
 
-def test_dmig_that_fills_narrow_fields_is_noted(tmp_path):
-    """Nastran rounds to what a field holds: -1.234+7."""
-    path = tmp_path / "k.pch"
-    for star, value, n_notes in (("", "1.2346+7", 1), ("", "25.0", 0), ("*", "1.2346+7", 0)):
-        width = 16 if star else 8
-        cells = ("K", "1", "1", "", "1", "1", value)
-        card = ["DMIG    K              0       6       2       0", ""]
-        for i in range(0, len(cells), 64 // width):
-            name = f"DMIG{star}" if i == 0 else star
-            card.append(name.ljust(8) + "".join(c.ljust(width) for c in cells[i : i + 64 // width]))
-        path.write_text("\n".join(card))
-        assert len(read_pair(f"{path}:K", str(path)).notes) == 2 * n_notes
+@pytest.mark.parametrize(
+    ("card", "n_notes"),
+    [("DMIG,K,1,1,,1,1,1.2346+7", 1), ("DMIG,K,1,1,,1,1,25.0", 0),
+     ("DMIG*,K,1,1,\n*,1,1,1.2346+7", 0)],
+)  # fmt: skip
+def test_dmig_that_fills_narrow_fields_is_noted(tmp_path, card, n_notes):
+    """Nastran rounds to what a field holds: 1.2346+7."""
+    (tmp_path / "m.pch").write_text(f"DMIG,K,0,6,2,0\n{card}\n")
+    pair = read_pair(f"{tmp_path / 'm.pch'}:K", f"{tmp_path / 'm.pch'}")
+    assert len(pair.notes) == 2 * n_notes
 
 
 def test_dofs_held_in_abaqus_are_left_out_by_number_too(tmp_path):
