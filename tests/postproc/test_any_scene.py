@@ -135,6 +135,8 @@ def test_a_scene_of_input_is_drawn(results_of_scene, tmp_path, scene):
     path = results_of_scene(text, "run", *shortened(scene))
     assert main([str(path), "--out", str(tmp_path)]) == 0
     assert any(tmp_path.glob("*.png"))
+    if scene.stem == "ring":  # of so many modes no line marks them
+        assert "Vertical lines" not in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning", "error::UserWarning")
