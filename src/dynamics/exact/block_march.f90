@@ -195,8 +195,9 @@ contains
                      paths%is_remarched(l) = paths%is_remarched(l) .or. is_seen(l) .or. &
                                              group%outcome(e) /= plain
                      is_seen(l) = .true.
-                     response(l) = paths%coupling(j)*sum([(k*abs(group%path(e, k)), &
-                                                           k=1, paths%degree)])
+                     do k = 1, paths%degree
+                        response(l) = response(l) + paths%coupling(j)*(k*abs(group%path(e, k)))
+                     end do
                      cycle
                   end if
                   if (.not. paths%responses%is_local(j)) paths%is_remarched(l) = .true.

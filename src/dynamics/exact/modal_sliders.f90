@@ -56,9 +56,12 @@ contains
 
       associate (moving => self%moving(:, g), n => self%n_moving(g))
          if (any(moving(:n) == joint)) return
-         i = 1 + count(moving(:n) < joint)
-         moving(i:n + 1) = [joint, moving(i:n)]
          n = n + 1
+         do i = n, 2, -1
+            if (moving(i - 1) < joint) exit
+            moving(i) = moving(i - 1)
+         end do
+         moving(i) = joint
       end associate
       self%moments(:, joint, :, g) = 0.0_wp
    end subroutine switch
