@@ -166,9 +166,8 @@ contains
    end function audit_of
 
    !> Settings of the march of audits: the event method with a thousandth of the scene's tolerance.
-   pure function reference_for(integration) result(reference)
+   pure type(integration_settings) function reference_for(integration) result(reference)
       type(integration_settings), intent(in) :: integration
-      type(integration_settings) :: reference
 
       reference = integration
       reference%method = 'event'
@@ -177,10 +176,9 @@ contains
    end function reference_for
 
    !> Results kept of the samples of a case. An audit keeps those that are compared, and energies.
-   pure function kept_of(plan, case_number) result(kept)
+   pure type(output_settings) function kept_of(plan, case_number) result(kept)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: case_number
-      type(output_settings) :: kept
 
       kept = plan%output
       ! march_level of tradeoff_sample replaces a sine by its record, without frequency

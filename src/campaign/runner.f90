@@ -92,15 +92,15 @@ contains
                       ' '//to_text(nint(merge(series, modes, is_modal)))
             if (marcher%parts > 1) text = text//'; '//to_text(marcher%parts)//' parts a step'
             if (is_modal .and. marcher%parts >= many_parts) &
-               text = text//modes_to_spare(marcher)
+               text = text//high_modes_text(marcher)
          end associate
       end select
    end function form_of_march
 
-   !> Text on the modes above 1/(2 dt), which the sampled force cannot contain: the parts of a step
-   !> that they need are saved by a reduced model, if there are more such modes than dofs of joints.
-   !> '' without such modes.
-   pure function modes_to_spare(marcher) result(text)
+   !> Text on the modes above 1/(2 dt), which the sampled force cannot contain. A reduced model
+   !> without them needs fewer parts of a step, if there are more such modes than dofs of joints. ''
+   !> without such modes.
+   pure function high_modes_text(marcher) result(text)
       type(exact_march), intent(in) :: marcher
       character(:), allocatable :: text
 
@@ -113,7 +113,7 @@ contains
              count(any(abs(marcher%structure%direction) > 0.0_wp, dim=2))) &
             text = text//': the importer''s --modes leaves them out'
       end associate
-   end function modes_to_spare
+   end function high_modes_text
 
    !> Creates the marcher of a method for the plan's structure.
    subroutine new_marcher(plan, integration, marcher, error)
@@ -195,9 +195,8 @@ contains
    end subroutine force_of
 
    !> Layout of the spectra, whose values are those of every k-th step.
-   pure function layout_of(plan) result(layout)
+   pure type(spectrum_layout) function layout_of(plan) result(layout)
       type(plan_type), intent(in) :: plan
-      type(spectrum_layout) :: layout
       integer :: i, n
 
       layout%every = max(plan%output%spectrum_every, 1)

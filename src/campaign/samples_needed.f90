@@ -36,11 +36,10 @@ module campaign_samples_needed
 contains
 
    !> Standard errors that statistics state; not allocated if the march is too short for them.
-   pure function slip_error_of(statistics, n_cases, has_own_records) result(error)
+   pure type(slip_error) function slip_error_of(statistics, n_cases, has_own_records) result(error)
       type(case_statistics), intent(in) :: statistics   !! statistics of two or more samples
       integer, intent(in) :: n_cases                    !! as in slip_error
       logical, intent(in) :: has_own_records
-      type(slip_error) :: error
 
       error%n_samples = statistics%n_samples
       error%n_cases = n_cases
@@ -83,9 +82,8 @@ contains
    end function needs_more_samples
 
    !> Errors of the same case if each sample has its own force record.
-   pure function with_own_records(shared) result(own)
+   pure type(slip_error) function with_own_records(shared) result(own)
       type(slip_error), intent(in) :: shared   !! errors under one record
-      type(slip_error) :: own
 
       own = shared
       own%has_own_records = .true.

@@ -45,9 +45,8 @@ module statistics_estimates
 contains
 
    !> Mean over the samples.
-   pure function plain_mean(y) result(plain)
+   pure type(estimates_type) function plain_mean(y) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, output)
-      type(estimates_type) :: plain
 
       plain = zero_estimates(size(y, 1), size(y, 2))
       plain%value(:) = sum(y, 1)/size(y, 1)
@@ -55,9 +54,8 @@ contains
    end function plain_mean
 
    !> Standard deviation over the samples, with n - 1 in the denominator.
-   pure function plain_deviation(y) result(plain)
+   pure type(estimates_type) function plain_deviation(y) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, output), two samples or more
-      type(estimates_type) :: plain
       real(wp) :: square(size(y, 1)), variance
       integer :: o
 
@@ -76,11 +74,10 @@ contains
    !> The rank has the standard deviation r = sqrt(p (1 - p) n) of the binomial law. The density
    !> follows from the order statistics r ranks below and above; the interval ends at those 1.96 r
    !> ranks away or, without such samples, 1.96 standard errors times Student's factor away.
-   pure function plain_percentile(y, p, ranking) result(plain)
+   pure type(estimates_type) function plain_percentile(y, p, ranking) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, output)
       real(wp), intent(in) :: p         !! share of the law below the percentile
       integer, intent(in), optional :: ranking(:, :)   !! (rank, output) samples; else computed
-      type(estimates_type) :: plain
       real(wp) :: sorted(size(y, 1)), factor, rank, shift, scatter, slope
       logical :: has_ends(2)   ! order statistics exist where the interval ends
       integer :: n, o
@@ -188,9 +185,8 @@ contains
    end function slope_between
 
    !> Estimates that are zero, with influences and biases of zero.
-   pure function zero_estimates(n, n_out) result(estimates)
+   pure type(estimates_type) function zero_estimates(n, n_out) result(estimates)
       integer, intent(in) :: n, n_out   !! samples, outputs
-      type(estimates_type) :: estimates
 
       allocate (estimates%value(n_out), estimates%bias(n_out), source=0.0_wp)
       allocate (estimates%influence(n, n_out), source=0.0_wp)

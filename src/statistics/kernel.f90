@@ -24,10 +24,9 @@ module statistics_kernel
 contains
 
    !> Kernel with weights in given proportions.
-   pure function new_kernel(proportion, length) result(kernel)
+   pure type(kernel_type) function new_kernel(proportion, length) result(kernel)
       real(wp), intent(in) :: proportion(:)   !! (input)
       real(wp), intent(in) :: length
-      type(kernel_type) :: kernel
 
       kernel%weight = proportion*sqrt(sum_of_squares/sum(proportion**2))
       kernel%length = length

@@ -177,7 +177,7 @@ contains
       real(wp), parameter :: fit_time = 4.5e6_wp       ! choice of a kernel
       real(wp), parameter :: feature_time = 150.0_wp   ! per sample and landmark
       real(wp), parameter :: kernel_time = 1.7_wp      ! per point, landmark and input
-      real(wp), parameter :: further_inputs = 5.4_wp   ! inputs that cost as much as the rest of it
+      real(wp), parameter :: further_inputs = 5.4_wp   ! time besides the inputs', in inputs
       real(wp), parameter :: polynomial_time = 3.0_wp  ! per point and two inputs
       ! ... and of an output and a frequency
       real(wp), parameter :: density_time = 210.0_wp   ! per sample

@@ -87,17 +87,17 @@ contains
       end do
       rows%seconds = 1.0e-9_wp*rows%cost*tradeoff%sample_steps
       do i = 1, n
-         rows(i)%is_on_front = .not. any(beats(rows, rows(i)))
+         rows(i)%is_on_front = .not. any(dominates(rows, rows(i)))
       end do
    end function setting_rows_of
 
-   !> True if setting a is not worse than b in cost and error of slip, and better in one of them.
-   elemental logical function beats(a, b)
+   !> True if setting a is not worse than b in cost and error of slip, and better in one of the two.
+   elemental logical function dominates(a, b)
       type(setting_row), intent(in) :: a, b
 
-      beats = a%cost <= b%cost .and. a%error(slip) <= b%error(slip) .and. &
+      dominates = a%cost <= b%cost .and. a%error(slip) <= b%error(slip) .and. &
               (a%cost < b%cost .or. a%error(slip) < b%error(slip))
-   end function beats
+   end function dominates
 
    !> True if the measured errors plus twice their standard errors meet the targets.
    elemental logical function meets_targets(row, slip_points, ratio)
@@ -144,11 +144,10 @@ contains
    end function spectrum_rows_of
 
    !> Components of the error of the scene's results.
-   pure function components_of(tradeoff, own, n_steps) result(errors)
+   pure type(error_parts) function components_of(tradeoff, own, n_steps) result(errors)
       type(tradeoff_type), intent(in) :: tradeoff
       type(setting_row), intent(in) :: own   !! row of the scene's setting
       integer, intent(in) :: n_steps         !! measured steps of the scene
-      type(error_parts) :: errors
       real(wp) :: error(n_published), high, low
       integer :: i
 
@@ -170,10 +169,9 @@ contains
 
    !> Expected standard errors of the mean slip fractions of the scene's results: the joints of all
    !> measured cases in one list.
-   pure function predicted_slip_error(plan, tradeoff) result(error)
+   pure type(slip_error) function predicted_slip_error(plan, tradeoff) result(error)
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
-      type(slip_error) :: error
       type(error_parts) :: errors
       real(wp), allocatable :: now(:), ratio(:)
       real(wp) :: w

@@ -92,9 +92,8 @@ contains
    end subroutine march_cases
 
    !> Plan of the pilot march: short, with spectra of every step.
-   pure function pilot_plan(plan) result(short)
+   pure type(plan_type) function pilot_plan(plan) result(short)
       type(plan_type), intent(in) :: plan
-      type(plan_type) :: short
 
       short = only_slip_and_spectra(plan)
       associate (n_steps => short%integration%n_steps, output => short%output)

@@ -144,9 +144,8 @@ contains
    end function substitute_friction
 
    !> Plan that discards no steps and keeps only slip fractions and spectra.
-   pure function only_slip_and_spectra(plan) result(short)
+   pure type(plan_type) function only_slip_and_spectra(plan) result(short)
       type(plan_type), intent(in) :: plan
-      type(plan_type) :: short
 
       short = plan
       short%integration%n_discard = 0
@@ -159,10 +158,9 @@ contains
 
    !> Plan of about n_steps, at least 4096 and a multiple of `unit` if the scene has as many. Keeps
    !> only slip fractions and spectra.
-   pure function shortened(plan, unit, n_steps) result(short)
+   pure type(plan_type) function shortened(plan, unit, n_steps) result(short)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: unit, n_steps
-      type(plan_type) :: short
       integer, parameter :: least = 4096
 
       short = only_slip_and_spectra(plan)

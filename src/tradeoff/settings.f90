@@ -28,9 +28,8 @@ module tradeoff_settings
 contains
 
    !> Setting of the scene.
-   pure function own_setting(plan) result(setting)
+   pure type(setting_type) function own_setting(plan) result(setting)
       type(plan_type), intent(in) :: plan
-      type(setting_type) :: setting
 
       setting%method = plan%integration%method
       if (setting%method == 'newmark') then
@@ -108,10 +107,9 @@ contains
 
    !> Plan with a setting: the march takes the same time, and the same instants enter its spectra.
    !> n_steps, n_discard, segment_length and spectrum_every must be multiples of the stride.
-   pure function with_setting(plan, setting) result(changed)
+   pure type(plan_type) function with_setting(plan, setting) result(changed)
       type(plan_type), intent(in) :: plan
       type(setting_type), intent(in) :: setting
-      type(plan_type) :: changed
 
       changed = plan
       associate (integration => changed%integration, output => changed%output, &

@@ -154,10 +154,9 @@ contains
    end subroutine new_tradeoff
 
    !> Plan with a shorter force record, which is drawn in a second and long enough for all marches.
-   pure function with_shorter_record(plan, tradeoff) result(short)
+   pure type(plan_type) function with_shorter_record(plan, tradeoff) result(short)
       type(plan_type), intent(in) :: plan
       type(tradeoff_type), intent(in) :: tradeoff
-      type(plan_type) :: short
       integer, parameter :: enough = 2**22   ! steps
 
       short = plan
