@@ -70,9 +70,8 @@ contains
       call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
                           error, prepared=shortest)
       if (allocated(error)) return
-      associate (every => runner%layout%every)
-         short%output%segment_length = min(short%output%segment_length, every*(cost%n_steps/every))
-      end associate
+      short%output%segment_length = min(short%output%segment_length, runner%layout%every &
+                                        *(cost%n_steps/runner%layout%every))
       do k = 1, size(levels)
          call draw_level(short, runner, cost%n_steps, levels(k), error)
          if (allocated(error)) return

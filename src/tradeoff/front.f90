@@ -216,23 +216,24 @@ contains
       real(wp) :: factor
       integer :: i, k, q
 
-      associate (structure => tradeoff%plan%structure)
-         allocate (series(max(structure%n_joints, structure%n_dof), n_published, n_batches))
-      end associate
-      if (tradeoff%n_segments > 0) &
-         errors%time([psd_mean, psd_percentiles]) = error_of_density(tradeoff%n_segments)
-      do k = 1, size(tradeoff%levels)
-         do i = 1, size(tradeoff%tasks)
-            associate (task => tradeoff%tasks(i))
-               if (task%kind == batch_task .and. task%level == k) &
-                  series(:, :, task%row) = tradeoff%results(i)%value
-            end associate
-         end do
-         associate (level => tradeoff%levels(k), plan => tradeoff%plan, error => errors%time)
+      associate (plan => tradeoff%plan, error => errors%time)
+         allocate (series(max(plan%structure%n_joints, plan%structure%n_dof), n_published, &
+                          n_batches))
+         if (tradeoff%n_segments > 0) &
+            error([psd_mean, psd_percentiles]) = error_of_density(tradeoff%n_segments)
+         do k = 1, size(tradeoff%levels)
+            do i = 1, size(tradeoff%tasks)
+               associate (task => tradeoff%tasks(i))
+                  if (task%kind == batch_task .and. task%level == k) &
+                     series(:, :, task%row) = tradeoff%results(i)%value
+               end associate
+            end do
             factor = sqrt(real(tradeoff%long_plan%integration%n_steps, wp)/n_steps)
-            if (plan%excitation%per_sample) &
-               factor = factor*sqrt(real(size(level%sample), wp) &
-                                    /maxval(plan%cases(level%case_number)%n_samples))
+            associate (level => tradeoff%levels(k))
+               if (plan%excitation%per_sample) &
+                  factor = factor*sqrt(real(size(level%sample), wp) &
+                                       /maxval(plan%cases(level%case_number)%n_samples))
+            end associate
             do i = 1, size(series, 1)
                do q = slip, slip_std
                   error(q) = max(error(q), factor*error_of_batches(series(i, q, :)))
@@ -241,10 +242,8 @@ contains
                error(band_ratio) = max(error(band_ratio), &
                                        factor*error_of_batches(log(series(i, band_ratio, :))))
             end do
-         end associate
-      end do
-      associate (plan => tradeoff%plan)
-         if (plan%excitation%per_sample) errors%noise = errors%time(slip) &
+         end do
+         if (plan%excitation%per_sample) errors%noise = error(slip) &
             *sqrt(maxval(plan%cases%n_samples)*real(n_steps, wp)/plan%integration%n_steps)
       end associate
    end subroutine add_time_average_errors

@@ -98,17 +98,15 @@ contains
       real(wp), allocatable :: force(:, :)
       integer :: i, n
 
-      associate (cases => level%case_number, samples => level%sample)
-         n = size(samples)
-         if (present(models)) then
-            call draw_friction(plan, models, block_of(level), level%friction)
-         else
-            allocate (level%friction(plan%structure%n_joints, n))
-            do i = 1, n
-               level%friction(:, i) = substitute_friction(plan, cases(i), samples(i))
-            end do
-         end if
-      end associate
+      n = size(level%sample)
+      if (present(models)) then
+         call draw_friction(plan, models, block_of(level), level%friction)
+      else
+         allocate (level%friction(plan%structure%n_joints, n))
+         do i = 1, n
+            level%friction(:, i) = substitute_friction(plan, level%case_number(i), level%sample(i))
+         end do
+      end if
       n = merge(n, 1, plan%excitation%per_sample)*plan%structure%n_forces
       allocate (force(0:plan%integration%n_steps, n))
       call runner%force_of(level%case_number(1), 1, force, error)

@@ -7,14 +7,13 @@
 module tradeoff_tasks
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_pooling, only: sharing_cases
-   use campaign_results, only: block_result
-   use campaign_runner, only: block_width, prepare_runner, runner_type
+   use campaign_results, only: block_result, spectrum_layout
+   use campaign_runner, only: block_width, layout_of, prepare_runner, runner_type
    use campaign_sample, only: stop_query
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_correlated, only: n_batches
    use numerics_sorting, only: sort_order
-   use numerics_spectrum, only: count_segments
    use process_model, only: process_model_type
    use tradeoff_sample, only: assumed_transitions, choose_levels, draw_level, fit_segments, &
                               history_memory, level_type, march_level, shortened
@@ -95,6 +94,7 @@ contains
       procedure(stop_query) :: should_stop
       type(tradeoff_type), intent(out) :: tradeoff
       type(error_type), allocatable, intent(out) :: error
+      type(spectrum_layout) :: layout
       real(wp) :: cost, long_cost   ! expected costs of a step of all marches [ns]
       integer :: every, i, unit, width
 
@@ -140,11 +140,8 @@ contains
       end associate
       call prepare_runner(with_shorter_record(plan, tradeoff), file_force, tradeoff%runner, error)
       if (allocated(error)) return
-      associate (layout => tradeoff%runner%layout, integration => plan%integration)
-         if (plan%output%spectrum) tradeoff%n_segments = &
-            count_segments((integration%n_steps - integration%n_discard)/layout%every, &
-                           layout%segment_length, layout%overlap)
-      end associate
+      layout = layout_of(plan)
+      if (plan%output%spectrum) tradeoff%n_segments = layout%n_segments
       call march_references(tradeoff, should_stop, error)
       if (plan%output%history .and. scope%for_table .and. .not. allocated(error)) &
          call time_histories(tradeoff, should_stop, error)
