@@ -4,7 +4,7 @@
 !> Fortran's own namelist read stops at the first mistake and does not say where it is; this parser
 !> continues and reports all mistakes. config_text_reader converts the values.
 module config_text_namelist
-   use config_text_tokens, only: token_comma, token_end, token_group, token_index, token_name, &
+   use config_text_tokens, only: token_end, token_group, token_index, token_name, &
                                  token_open_quote, token_type, token_word, tokenize
    use config_text_value_table, only: visitor_type
    use core_complaints, only: blank_hint, complaint_list, printable
@@ -17,7 +17,6 @@ module config_text_namelist
 
    integer, parameter :: max_groups = 100   !! largest number of groups in a scene
    integer, parameter :: shown = 40   !! characters shown of either end of a long value
-   character(*), parameter :: digits = '0123456789'
 
    !> One `&group ... /`.
    type :: group_type
@@ -50,7 +49,6 @@ module config_text_namelist
       procedure :: find_group
       procedure :: text_of
       procedure :: rule_on
-      procedure :: comma_hint
       procedure :: complain
       procedure :: refuse
       procedure :: refuse_assignment
@@ -316,28 +314,6 @@ contains
       if (token%kind == token_open_quote) rule = 'the quote is not closed on its line'
       if (index(self%text_of(token), '#') == 1) rule = 'a comment begins with !'
    end function rule_on
-
-   !> Hint if a value may be one half of a decimal with a comma, such as 0,2: digits, a comma and a
-   !> digit, without a blank between. Else empty.
-   pure function comma_hint(self, i_token) result(hint)
-      class(document_type), intent(in) :: self
-      integer, intent(in) :: i_token   !! index into self%tokens
-      character(:), allocatable :: hint
-      integer :: i
-
-      hint = ''
-      do i = i_token - 2, i_token, 2
-         if (i < 1 .or. i + 2 > size(self%tokens)) cycle
-         associate (left => self%tokens(i), comma => self%tokens(i + 1), &
-                    right => self%tokens(i + 2))
-            if (comma%kind /= token_comma .or. left%last + 1 /= comma%first .or. &
-                comma%last + 1 /= right%first) cycle
-            if (verify(self%text_of(left), digits) == 0 .and. &
-                scan(self%text_of(right), digits) == 1) &
-               hint = ' (commas separate values: decimals follow a point)'
-         end associate
-      end do
-   end function comma_hint
 
    !> Adds a complaint at a token, `file:line: subject: rule`.
    subroutine complain(self, token, rule, subject)

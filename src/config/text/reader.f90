@@ -136,7 +136,7 @@ contains
       class(reader_type), intent(inout) :: self
       type(word_type), allocatable, intent(inout) :: words(:)
       type(entry_type), intent(in) :: entry
-      character(:), allocatable :: hint, name, rule, word
+      character(:), allocatable :: name, rule, word
       character(2*name_length) :: full_name
       type(word_type) :: none
       type(word_type), allocatable :: found(:)
@@ -167,11 +167,8 @@ contains
          self%last_refused = token_of(i)
          name = trim(entry%name)
          if (size(token_of) > 1) name = name//'('//to_text(i)//')'
-         hint = ''
-         if (entry%length <= 1 .and. (size(words) <= 1 .or. entry%per_dof >= 0)) &
-            hint = self%comma_hint(token_of(i))   ! the entry usually has one value
          associate (token => self%tokens(token_of(i)))
-            call self%refuse(self%group, token, name, self%text_of(token), rule//hint)
+            call self%refuse(self%group, token, name, self%text_of(token), rule)
          end associate
       end do
       call move_alloc(found, words)
@@ -186,7 +183,7 @@ contains
       integer, intent(in) :: default_size          !! number of default values
       integer, allocatable, intent(out) :: token_of(:)   !! (value) index into self%tokens, or 0
       integer, intent(out) :: last   !! index of the last assignment to the entry; 0: none
-      character(:), allocatable :: hint, rule
+      character(:), allocatable :: rule
       integer, allocatable :: values(:)
       type(assignment_type) :: given
       integer :: i, first_line, n_before
@@ -211,14 +208,7 @@ contains
       if (last == 0) return
       if (self%complaints%n == n_before) then
          call check_length(entry, default_size, token_of, rule)
-         if (allocated(rule)) then
-            hint = ''
-            do i = size(token_of), 1, -1
-               if (token_of(i) > 0) hint = self%comma_hint(token_of(i))
-               if (hint /= '') exit
-            end do
-            call self%refuse_assignment(last, rule//hint)
-         end if
+         call self%refuse_assignment(last, rule)
       end if
       self%assignments(last)%is_refused = self%complaints%n > n_before
       if (self%complaints%n > n_before) token_of = spread(0, 1, 0)
