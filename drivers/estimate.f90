@@ -99,8 +99,8 @@ contains
       text = text//labelled('', 'errors are the scatter of the same estimates from '// &
                             'realizations of the process at the same points')
       if (found%l0 < found%longest) return
-      note = 'L0 is the longest of its order that '//to_text(found%n_values)// &
-             ' values tell: perhaps they are too few, have a trend or a period'
+      note = 'no longer L0 of its order is tried for '//to_text(found%n_values)// &
+             ' values: perhaps they are too few, have a trend or a period'
       if (found%std_of_record_means > 0.0_wp) &
          note = note//', or differ only from line to line (correlation_length = 1e12, std = '// &
                 brief(found%std_of_record_means)//')'

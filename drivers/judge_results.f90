@@ -72,7 +72,7 @@ contains
       end do
       slip = ''
       if (statistical_error(largest) >= huge(1.0_wp)) then
-         slip = 'the march is too short to tell its standard error'
+         slip = 'the march is too short for a standard error'
       else if (statistical_error(largest) > rounding) then
          slip = 'standard error at most '//brief(statistical_error(largest))//' points'
          if (is_mostly_time_average(largest)) slip = slip// &
@@ -124,7 +124,8 @@ contains
          error = slip_error_of(errors%statistics, n_cases, plan%excitation%per_sample)
          if (statistical_error(error) <= wanted%target_statistical) return
          if (statistical_error(error) >= huge(1.0_wp)) then
-            call add('target_statistical', wanted%target_statistical, 'too short a march to tell')
+            call add('target_statistical', wanted%target_statistical, &
+                     'too short a march for a standard error')
          else
             call add('target_statistical', wanted%target_statistical, &
                      brief(statistical_error(error))//' points; '//need_words(plan, error, ''))
@@ -167,7 +168,7 @@ contains
       associate (wanted => plan%accuracy%target_statistical, how => plan%integration)
          call find_need(error, wanted, how%n_steps - how%n_discard, n_samples, n_steps)
          text = 'about '//to_text(n_samples)//' samples and '//to_text(n_steps + how%n_discard)// &
-                ' steps would do'//duration
+                ' steps would meet the target'//duration
          if (error%n_cases > 0 .and. error%n_samples < fewest_samples) text = text// &
             ' (a regression needs fewer, from '//to_text(fewest_samples)//' samples on)'
          if (allocated(plan%values)) then

@@ -30,7 +30,7 @@ module config_groups
    !> A scene: its groups, absent ones with their defaults, and the data of the files it names.
    type :: scene_type
       character(:), allocatable :: path
-      character(:), allocatable :: text            !! text of the file and of the --set options
+      character(:), allocatable :: text            !! text of the file, and the choice for targets
       type(heading_group) :: heading
       type(process_group), allocatable :: processes(:)   !! (group), in file order
       type(structure_group) :: structure_files

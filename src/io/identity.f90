@@ -160,8 +160,8 @@ contains
       else if (program /= 'entroslip') then
          call refuse_foreign(file%path, error)
       else if (found /= command) then
-         call raise(error, exit_file, file%path//' holds what entroslip '//found// &
-                    ' has written: choose another --output')
+         call raise(error, exit_file, file%path//' was written by entroslip '//found// &
+                    ': choose another --output')
       end if
    end subroutine require_command
 

@@ -101,7 +101,7 @@ contains
          call root%read('name', found)
          call root%take_error(error)
          if (.not. allocated(error) .and. found /= name) &
-            call raise(error, exit_file, file%path//' does not hold what its name tells')
+            call raise(error, exit_file, file%path//' was renamed: its name was '//found)
          call advise(error)
       end if
       if (allocated(error)) call file%abandon()

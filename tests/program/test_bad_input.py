@@ -201,7 +201,7 @@ def test_nothing_but_its_own_earlier_output_is_replaced(entroslip, tmp_path):
             assert done.returncode == 3, (command, output)
             assert len(done.stderr.splitlines()) == 1
             if output.endswith(".h5"):
-                assert f"{output} holds what entroslip {output[:-3]} has written" in done.stderr
+                assert f"{output} was written by entroslip {output[:-3]}" in done.stderr
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == contents
     assert entroslip(*replay, "--output=replay.h5").returncode == 0
     assert entroslip("run", scene, "--output=run.h5", "--fresh").returncode == 0

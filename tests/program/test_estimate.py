@@ -110,7 +110,7 @@ def test_an_index_beside_the_values_is_refused(entroslip, data):
 
 def test_a_length_that_is_the_longest_tried_is_noted(entroslip, data):
     """A trend has no correlation length."""
-    note = "note L0 is the longest of its order that 40 values tell: perhaps they are too few, have"
+    note = "note no longer L0 of its order is tried for 40 values: perhaps they are too few, have"
     trend = "\n".join(str(n + n % 3) for n in range(40))
     for text, is_noted in ((trend, True), (LINES, False)):
         data.write_text(text)

@@ -61,7 +61,7 @@ def test_the_summary_says_what_more_samples_do_not_lower(entroslip, tmp_path):
     for option, ending in (
         ("excitation%per_sample=.false.", of_time),
         ("excitation%per_sample=.true.", "points"),
-        ("integration%n_steps=511", "the march is too short to tell its standard error"),
+        ("integration%n_steps=511", "the march is too short for a standard error"),
         ("chain%normal_load=0.0", " s"),
         ("chain%normal_load=1e6", "no joint slips in c001"),
     ):

@@ -63,7 +63,7 @@ def test_sampling_goes_on_until_the_target_is_met(entroslip, scene, tmp_path):
     some = entroslip("run", scene, "--output", "b.h5", "--set", "accuracy%sample_until_met=.false.")
     assert some.returncode == 4
     assert "target_statistical = 0.6: case 3 has" in some.stderr
-    assert "samples and 10000 steps would do" in some.stderr
+    assert "samples and 10000 steps would meet the target" in some.stderr
     assert entroslip("run", scene, "--output", "b.h5", ranks=3).returncode == 0
     expected, found = scene_bits(tmp_path / "a.h5"), scene_bits(tmp_path / "b.h5")
     assert not {key for key in expected if expected[key] != found.get(key)}
@@ -109,7 +109,7 @@ def test_a_regression_meets_the_target_with_fewer_samples(entroslip, tmp_path):
     assert "a regression needs fewer" not in few.stderr
     fewer = entroslip("run", "paper.nml", "--output", "fewer.h5", *eight,
                       "--set", "accuracy%sample_until_met=.false.")  # fmt: skip
-    assert "would do (a regression needs fewer, from 25 samples on)" in fewer.stderr
+    assert "would meet the target (a regression needs fewer, from 25 samples on)" in fewer.stderr
 
 
 def test_a_target_that_no_samples_meet_is_reported(entroslip, scene, tmp_path):
@@ -118,14 +118,14 @@ def test_a_target_that_no_samples_meet_is_reported(entroslip, scene, tmp_path):
     done = entroslip("run", scene, "--output", "c.h5", *one)
     assert done.returncode == 4
     assert "c.h5 is written, and not as accurate as wanted" in done.stderr
-    assert "steps would do" in done.stderr
+    assert "steps would meet the target" in done.stderr
     with h5py.File(tmp_path / "c.h5") as file:
         assert file["campaign/c003"].attrs["n_samples"] == 8
     again = entroslip("run", scene, "--output", "c.h5", *one)
     assert again.returncode == 4
     short = entroslip("run", scene, "--output", "d.h5", "--set", "integration%n_steps=400")
     assert short.returncode == 4
-    assert "too short a march to tell" in short.stderr
+    assert "too short a march for a standard error" in short.stderr
 
 
 def test_a_share_of_runs_cannot_sample_on(entroslip, scene):
