@@ -2,11 +2,10 @@
 !>
 !> Lines are as in core_table; `nan` stands for a missing value.
 module config_measured
-   use core_complaints, only: complaint_list, printable
+   use core_complaints, only: complaint_list
    use core_kinds, only: wp
    use core_source, only: read_source, source_type
-   use core_table, only: data_line, heading_hint, number_marks, parse_row
-   use core_text, only: to_text
+   use core_table, only: complaint_on_line, data_line, number_marks, parse_row
    use process_estimate, only: measured_record
    implicit none(type, external)
    private
@@ -22,7 +21,7 @@ contains
       character(*), intent(in) :: path
       type(measured_record), allocatable, intent(out) :: records(:)
       type(complaint_list), intent(inout) :: complaints
-      character(:), allocatable :: line, refusal, rule
+      character(:), allocatable :: refusal, rule
       type(source_type) :: source
       real(wp), allocatable :: values(:)
       integer :: i, n, n_records, number
@@ -37,10 +36,7 @@ contains
       do number = 1, source%n_lines()
          call parse_row(data_line(source, number, number_marks), 1, .true., values, n, rule)
          if (allocated(rule)) then
-            line = source%line(number)
-            call complaints%add_general(path//':'//to_text(number)//': '// &
-                                        printable(line(:min(len_trim(line), 40)))//': '//rule// &
-                                        heading_hint(line, rule, number_marks)// &
+            call complaints%add_general(complaint_on_line(source, number, rule, number_marks)// &
                                         '; nan stands where none was measured')
          else if (n > 0) then
             n_records = n_records + 1

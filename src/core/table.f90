@@ -8,8 +8,8 @@ module core_table
    use core_text, only: lowered, no_number, parse_real, to_text
    implicit none(type, external)
    private
-   public :: data_line, heading_hint, next_word, parse_row, parse_rows, read_table, table_type, &
-             words_of
+   public :: complaint_on_line, data_line, next_word, parse_row, parse_rows, read_table, &
+             table_type, words_of
 
    character(*), parameter :: white = ' '//achar(9)//achar(13)
    character(*), parameter :: blanks = white//';'
@@ -73,11 +73,8 @@ contains
          end if
          if (allocated(rule)) then
             n_bad = n_bad + 1
-            line = source%line(number)
             if (n_bad <= max_shown) &
-               call complaints%add_general(table%path//':'//to_text(number)//': '// &
-                                           printable(line(:min(len_trim(line), 40)))//': '//rule// &
-                                           heading_hint(line, rule, marks))
+               call complaints%add_general(complaint_on_line(source, number, rule, marks))
          else if (n > 0) then
             table%n_rows = table%n_rows + 1
             table%value(:n, table%n_rows) = values(:n)
@@ -180,16 +177,20 @@ contains
          rule = 'must be '//number_of_values(fewest, size(values))
    end subroutine parse_row
 
-   !> End of a rule that a line breaks: a heading is a comment, if the line begins with a word.
-   pure function heading_hint(line, rule, marks) result(hint)
-      character(*), intent(in) :: line, rule
+   !> Complaint about a line that breaks a rule: a heading is a comment, if it begins with a word.
+   pure function complaint_on_line(source, number, rule, marks) result(text)
+      type(source_type), intent(in) :: source
+      integer, intent(in) :: number
+      character(*), intent(in) :: rule
       character(*), intent(in) :: marks   !! characters that begin a comment
-      character(:), allocatable :: hint
+      character(:), allocatable :: line, text
 
-      hint = ''
+      line = source%line(number)
+      text = source%name//':'//to_text(number)//': '//printable(line(:min(len_trim(line), 40)))// &
+             ': '//rule
       if (rule == no_number .and. verify(adjustl(line), '+-.0123456789') == 1) &
-         hint = ' (a heading begins with '//marks(1:1)//')'
-   end function heading_hint
+         text = text//' (a heading begins with '//marks(1:1)//')'
+   end function complaint_on_line
 
    !> Finds the next word, line(first:last), after position `last`; first > last if there is none.
    pure subroutine next_word(line, first, last)

@@ -84,7 +84,8 @@ def test_a_need_of_more_samples_than_are_given_says_how_many_there_are(entroslip
     for command in ("check", "run"):
         done = entroslip(command, "s.nml", "--set", "accuracy%target_statistical=0.2")
         said = " ".join((done.stdout + done.stderr).split())
-        assert re.search(r"samples and \d+ steps would meet the target[^(]* \(process%values has 22\)", said)
+        need = r"samples and \d+ steps would meet the target[^(]* \(process%values has 22\)"
+        assert re.search(need, said)
 
 
 def test_laws_of_reference_are_named_in_the_results(entroslip, tmp_path):
