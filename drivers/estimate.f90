@@ -44,7 +44,10 @@ contains
          if (.not. (allocated(error) .or. line%has('--quiet'))) &
             call progress%announce('fitting processes to the values, then to realizations of '// &
                                    'the best one')
-         if (.not. allocated(error)) call estimate_process(records, seed, found, error)
+         if (.not. allocated(error)) then
+            call estimate_process(records, seed, found, error)
+            if (allocated(error)) error%message = line%scene//': '//error%message
+         end if
          call progress%finish()
          if (.not. allocated(error)) call write_estimate(line, found, error)
       end if

@@ -4,7 +4,7 @@ module core_source
    use core_text, only: to_text
    implicit none(type, external)
    private
-   public :: source_type, byte_order_mark, find_beside, is_hdf5_file, new_source, read_source
+   public :: source_type, find_beside, is_hdf5_file, new_source, read_source
 
    character, parameter :: carriage_return = achar(13), line_feed = achar(10)
    !> Byte order mark with which some editors begin UTF-8 text.
@@ -23,23 +23,23 @@ module core_source
 
 contains
 
-   !> Source of a given text, with its name in complaints.
+   !> Source of a given text without its byte order mark, with its name in complaints.
    pure function new_source(name, text) result(source)
       character(*), intent(in) :: name, text
       type(source_type) :: source
       integer :: i, n
 
       source%name = name
-      source%text = text
+      source%text = text(1 + merge(len(byte_order_mark), 0, index(text, byte_order_mark) == 1):)
       n = 1
-      do i = 1, len(text)
-         if (text(i:i) == line_feed) n = n + 1
+      do i = 1, len(source%text)
+         if (source%text(i:i) == line_feed) n = n + 1
       end do
       allocate (source%line_start(n))
       source%line_start(1) = 1
       n = 1
-      do i = 1, len(text)
-         if (text(i:i) /= line_feed) cycle
+      do i = 1, len(source%text)
+         if (source%text(i:i) /= line_feed) cycle
          n = n + 1
          source%line_start(n) = i + 1
       end do

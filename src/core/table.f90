@@ -4,7 +4,7 @@ module core_table
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use core_complaints, only: blank_hint, complaint_list, printable
    use core_kinds, only: wp
-   use core_source, only: byte_order_mark, read_source, source_type
+   use core_source, only: read_source, source_type
    use core_text, only: lowered, no_number, parse_real, to_text
    implicit none(type, external)
    private
@@ -91,7 +91,7 @@ contains
       table%line = table%line(:table%n_rows)
    end subroutine parse_rows
 
-   !> Line of a source without its comment and without a byte order mark.
+   !> Line of a source without its comment.
    pure function data_line(source, number, marks) result(line)
       type(source_type), intent(in) :: source
       integer, intent(in) :: number
@@ -99,7 +99,6 @@ contains
       character(:), allocatable :: line
 
       line = source%line(number)
-      if (number == 1 .and. index(line, byte_order_mark) == 1) line = line(4:)
       line = line(:scan(line//marks, marks) - 1)
    end function data_line
 

@@ -81,7 +81,7 @@ def test_a_correlation_of_few_pairs_is_at_most_one(entroslip, data):
         ("0.1\n0.2 x3\n", "friction.txt:2: 0.2 x3: must be a number; nan stands where none was"),
         ("0.1\n0.2\u00a00.3\n", "must be a number (it holds a non-breaking space, U+00A0: type"),
         ("# nothing\n", "friction.txt: holds no values"),
-        ("1 2 3\n", "3 values: an estimate needs 8"),
+        ("1 2 3\n", "friction.txt: 3 values: an estimate needs 8"),
         ("0.3 " * 9, "all values are 0.3: they must scatter"),
     ],
 )

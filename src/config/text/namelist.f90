@@ -9,7 +9,7 @@ module config_text_namelist
    use config_text_value_table, only: visitor_type
    use core_complaints, only: blank_hint, complaint_list, printable
    use core_kinds, only: long
-   use core_source, only: byte_order_mark, new_source, source_type
+   use core_source, only: new_source, source_type
    use core_text, only: lowered, parse_integer
    implicit none(type, external)
    private
@@ -63,13 +63,12 @@ contains
       class(document_type), intent(inout) :: self
       type(source_type), intent(in) :: source
       character(*), intent(in) :: overrides(:)   !! --set options, `group%name=value`
-      integer :: first, line
+      integer :: line
 
       self%source(1) = source
       self%source(2) = new_source('--set', override_text(overrides))
       allocate (self%groups(0), self%assignments(0))
-      first = merge(len(byte_order_mark) + 1, 1, index(source%text, byte_order_mark) == 1)
-      call tokenize(source, 1, 1, first, len(source%text), self%tokens)
+      call tokenize(source, 1, 1, 1, len(source%text), self%tokens)
       call parse_groups(self)
       do line = 1, size(overrides)
          if (self%source(2)%line(line) /= '') call parse_override(self, line)
