@@ -32,7 +32,7 @@ contains
    !> Standard error of the average of n values with an estimated autocovariance. The estimate is
    !> about the average, which lowers every lag by the variance of the average; the divisor corrects
    !> that. The error is at least that of independent values, also if neighbours alternate. For
-   !> independent values it is some 15 % too large, because positive noise counts.
+   !> independent values it is some 15 % too large, because only positive pairs are added.
    pure function error_of_average(autocovariance, n) result(error)
       real(wp), intent(in) :: autocovariance(0:)   !! lags 0.. of n values
       integer, intent(in) :: n

@@ -92,4 +92,5 @@ contains
       merged_key(k + 1:) = key(from:from + size(key) - k - 1)
       merged_place(k + 1:) = place(from:from + size(key) - k - 1)
    end subroutine merge_runs
+
 end module numerics_sorting

@@ -6,6 +6,8 @@ module process_correlation
    private
    public :: constraint_weights, correlation_length
 
+   real(wp), parameter, public :: zero_correlation = 1.0e-9_wp   !! |K(m)|/K(0) that counts as 0
+
 contains
 
    !> Length of Eq. (8), 'L0', or of Eq. (9), 'L1' [lags].

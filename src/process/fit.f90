@@ -68,13 +68,13 @@ contains
           model%request%simulation /= 'matrix') return
       if (burn_in_length(model) <= widest_margin(model)) return
       model%is_solved = .false.
-      model%reason = "simulation = 'matrix': values are felt over "// &
+      model%reason = "simulation = 'matrix': the process forgets a start after "// &
                      to_text(burn_in_length(model))//' points, margins of the matrix have at '// &
                      'most '//to_text(widest_margin(model))//": take 'stationary'"
    end subroutine check_simulation
 
-   !> Forecasts a fit, in a fraction of a second as a rule: refuses a request that the fit would
-   !> refuse at once.
+   !> Predicts, mostly within a fraction of a second, whether a fit finds the process. A positive
+   !> one whose fit needs a long search gets the branch 'open'.
    subroutine predict_process(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed

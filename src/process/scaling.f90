@@ -1,7 +1,7 @@
-!> Scaling of processes: those that differ in mean and scale alone have one fit, in their own unit.
+!> Scaling of processes: those that differ only in mean and scale share one fit.
 !>
-!> The unit of a positive process is its mean, that of any other one its std, and its mean is added
-!> after the fit. A fit depends on its request alone, so its bits do not depend on other processes.
+!> A positive process is fitted with mean 1, any other one with mean 0 and std 1; the result is then
+!> scaled. A fit depends on its own request alone, so its bits do not depend on other processes.
 module process_scaling
    use core_kinds, only: long, wp
    use core_random, only: label_of

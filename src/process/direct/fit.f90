@@ -10,8 +10,8 @@ module process_direct_fit
    use process_autoregressive_fit, only: fit_ar
    use process_autoregressive_model, only: autocovariance_of, innovation_std, reflection_of
    use process_autoregressive_spectral_factor, only: symbol_of_process
-   use process_autoregressive_sums, only: positive_sums
-   use process_correlation, only: constraint_weights, correlation_length
+   use process_autoregressive_sums, only: correlation_sums, positive_sums
+   use process_correlation, only: constraint_weights, correlation_length, zero_correlation
    use process_direct_constraint, only: constraint_of, length_constraint
    use process_direct_limits, only: certainly_infeasible_m_max, check_sign_count, &
                                     reason_of_failure, reason_of_inaccuracy
@@ -179,6 +179,7 @@ contains
       type(process_request), intent(in) :: request
       type(sequence_solution), intent(in) :: solution   !! sigma_X = 1
       type(process_model_type), intent(out) :: model
+      type(correlation_sums), allocatable :: sums   ! absent unless all K(m) are known to be > 0
       type(error_type), allocatable :: error
       real(wp) :: b0, kappa(request%order)
 
@@ -186,11 +187,9 @@ contains
       b0 = request%std*innovation_std(kappa, 1.0_wp)
       ! for all s_m = +1 and no penalized lag 1/g is a series in powers of a sum of cosines with
       ! positive factors, so all K(m) > 0
-      if (all(solution%s > 0.0_wp) .and. is_all_plus_best(constraint_of(request))) then
-         call describe_ar(solution%a, b0, model, error, positive_sums(kappa))
-      else
-         call describe_ar(solution%a, b0, model, error)
-      end if
+      if (all(solution%s > 0.0_wp) .and. is_all_plus_best(constraint_of(request))) &
+         sums = positive_sums(kappa)
+      call describe_ar(solution%a, b0, model, error, sums)
       if (allocated(error)) then
          model%reason = error%message
          return
@@ -217,7 +216,6 @@ contains
    pure real(wp) function residual(request, solution) result(largest)
       type(process_request), intent(in) :: request
       type(sequence_solution), intent(in) :: solution
-      real(wp), parameter :: zero = 1.0e-9_wp   ! K(m)/K(0) that counts as 0
       real(wp), dimension(size(solution%s)) :: kappa, signs
       real(wp), dimension(0:size(signs)) :: rho, symbol, wanted, weights
 
@@ -225,7 +223,7 @@ contains
       rho = autocovariance_of(kappa, size(kappa))
       symbol = symbol_of_process(solution%a, innovation_std(kappa, 1.0_wp))
       signs = merge(max(-1.0_wp, min(1.0_wp, solution%s)), sign(1.0_wp, rho(1:)), &
-                    abs(rho(1:)) <= zero)
+                    abs(rho(1:)) <= zero_correlation)
       associate (length => request%correlation_length, definition => request%correlation)
          weights = constraint_weights(definition, length, size(signs))
          wanted = [1.0_wp + solution%delta*weights(0), 0.5_wp*solution%delta*weights(1:)*signs]
@@ -238,11 +236,10 @@ contains
    !> Solution or its mirror image, whichever has K(m) > 0 at the first odd lag where it is not 0.
    pure type(sequence_solution) function canonical_image(solution) result(image)
       type(sequence_solution), intent(in) :: solution
-      real(wp), parameter :: zero = 1.0e-9_wp
       integer :: first
 
       image = solution
-      first = 2*findloc(abs(solution%correlation(1::2)) > zero, .true., dim=1) - 1
+      first = 2*findloc(abs(solution%correlation(1::2)) > zero_correlation, .true., dim=1) - 1
       if (first < 1) return
       if (solution%correlation(first) < 0.0_wp) image = mirror_image(solution)
    end function canonical_image

@@ -1,8 +1,8 @@
 !> Families of positive processes: parameters of a law as a function of the point of a search.
 !> Everything is in units of b0.
 !>
-!> A positive process may exist though no Gaussian one has its coefficients. It exists if large
-!> values, next to which noise and field do not count, do not grow.
+!> A positive process may exist though no Gaussian one has its coefficients. It exists if values so
+!> large that noise and field are negligible do not grow.
 module process_positive_family
    use core_kinds, only: wp
    use process_autoregressive_model, only: coefficients_of, reflection_of

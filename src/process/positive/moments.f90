@@ -155,7 +155,7 @@ contains
       last = size(known) - 1
       control = controls_of(batches, known, weights, order)
 
-      ! each average by itself, then what is not linear in them: no bias of second order
+      ! controls correct the averages before mean**2 is subtracted: their errors would add a bias
       call control%correct(batches%x(-1, :), offset, centre_residual)
       do i = 1, 3
          call control%correct(matmul(weights(:, i), batches%x(0:last, :)), k(i), residual(:, i))

@@ -33,8 +33,9 @@ module process_positive_refinement
 
 contains
 
-   !> Takes one more step on more simulated values, as good as a whole search on them. The point
-   !> stays, without an uncertainty, if a difference leaves the domain or the step is too long.
+   !> Takes one more step, by differences on more simulated values; a whole search on these would
+   !> hardly move farther. The point stays, without an uncertainty, if a difference leaves the
+   !> domain or the step is too long.
    subroutine refine(search, uncertainty, is_short)
       type(sampled_objective), intent(inout) :: search
       type(shape_uncertainty), intent(out) :: uncertainty

@@ -35,7 +35,7 @@ contains
 
    !> Finds the maximum on the branch of the unconstrained process, from there at once, by
    !> continuation from a lower std/mean, or from order 1. Fails if none is found. With both lengths
-   !> K(m) >= 0 is tried first, because signs that may turn often keep turning.
+   !> K(m) >= 0 is tried first: if signs may turn, some often turn at each pass and do not settle.
    subroutine follow_unconstrained(request, seed, search, error, sequence)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
@@ -121,8 +121,8 @@ contains
    end subroutine follow_unconstrained
 
    !> Finds the maximum on one of the branches, by continuation from order 1, which every order
-   !> contains: from the wanted std/mean or from just below the limit of order 1. Other maxima than
-   !> from the unconstrained process may go on where those end, or have signs that come to rest.
+   !> contains: from the wanted std/mean or from just below the limit of order 1. These maxima can
+   !> continue where those from the unconstrained process end, or where their signs keep turning.
    subroutine follow_from_order_1(request, seed, is_alternating, search, limit, error)
       type(process_request), intent(in) :: request    !! request of order 2 or more
       integer(long), intent(in) :: seed

@@ -9,7 +9,7 @@ module process_positive_sign_search
    use core_kinds, only: long, wp
    use core_text, only: to_text
    use numerics_sorting, only: sort_order
-   use process_correlation, only: constraint_weights
+   use process_correlation, only: constraint_weights, zero_correlation
    use process_direct_constraint, only: constraint_of, length_constraint
    use process_direct_fit, only: fit_unconstrained, integer_signs, list_solutions, mirror_image, &
                                  canonical_image
@@ -99,7 +99,6 @@ contains
       type(sequence_solution), allocatable, intent(out) :: sequences(:)
       logical, intent(out) :: is_complete
       type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: zero = 1.0e-9_wp   ! K(m)/K(0) that counts as 0
       type(length_constraint) :: constraint
       type(process_model_type) :: unconstrained
       type(sequence_solution), allocatable :: found(:)
@@ -128,7 +127,7 @@ contains
       end do
       if (request%branch == 'nonnegative') &
          sequences = sequences(pack([(i, i=1, size(sequences))], &
-                                    [(all(sequences(i)%correlation >= -zero), &
+                                    [(all(sequences(i)%correlation >= -zero_correlation), &
                                       i=1, size(sequences))]))
       if (size(sequences) == 0) &
          call raise(error, exit_no_solution, 'direct method: no signs with K(m) >= 0 have '// &
