@@ -5,7 +5,7 @@ module driver_campaign
    use config_plan, only: build_plan
    use config_scene, only: complaint_list, read_scene, scene_type
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
-   use core_text, only: to_text
+   use core_text, only: line_feed, to_text
    use driver_command_line, only: command_line
    use io_force, only: read_force_hdf5
    use process_model, only: process_model_type
@@ -62,7 +62,7 @@ contains
       do i = 1, size(models)
          if (models(i)%is_solved .or. .not. allocated(models(i)%reason)) cycle
          n = n + 1
-         if (n > 1) reasons = reasons//new_line('a')
+         if (n > 1) reasons = reasons//line_feed
          reasons = reasons//'process '//to_text(i)//': '//models(i)%reason
       end do
       if (n == 0) return

@@ -2,7 +2,7 @@
 module driver_command_line
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long
-   use core_text, only: joined, parse_integer, suggestion
+   use core_text, only: joined, nl => line_feed, parse_integer, suggestion
    use io_files, only: exists
    implicit none(type, external)
    private
@@ -210,7 +210,6 @@ contains
    !> Help: 23 lines of at most 80 columns, one screen of a terminal.
    pure function help_text() result(text)
       character(:), allocatable :: text
-      character, parameter :: nl = new_line('a')
 
       text = 'entroslip: maximum-entropy properties, and vibration held by friction'//nl// &
              'usage: [mpirun -n RANKS] entroslip COMMAND [SCENE] [options]'//nl//nl// &

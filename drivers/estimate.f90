@@ -7,7 +7,7 @@ module driver_estimate
    use core_error, only: error_type, exit_bad_input, exit_done, exit_file, raise
    use core_kinds, only: long, wp
    use core_terminal, only: say
-   use core_text, only: brief, counted, labelled, rounded_text, shell_word, to_text
+   use core_text, only: brief, counted, labelled, line_feed, rounded_text, shell_word, to_text
    use driver_command_line, only: command_line
    use io_files, only: exists, folder_of, make_folder, write_new_file
    use io_progress, only: progress_type
@@ -19,7 +19,6 @@ module driver_estimate
 
    integer(long), parameter :: seed = 1_long   !! seed of the realizations that give the errors
    real(wp), parameter :: doubtful = 0.05_wp, rejected = 0.01_wp   !! p-values of a misfit
-   character(*), parameter :: lf = new_line('a')
 
 contains
 
@@ -125,10 +124,10 @@ contains
       integer, parameter :: n_copies = 400      ! realizations for each record
       character(:), allocatable :: text
 
-      text = 'written to '//scene//'; to draw the values beside the process:'//lf// &
+      text = 'written to '//scene//'; to draw the values beside the process:'//line_feed// &
              '  entroslip run '//shell_word(scene)// &
              ' --set process%n_points='//to_text(found%n_points)// &
-             ' --set process%n_realizations='//to_text(n_copies*found%n_records)//lf// &
+             ' --set process%n_realizations='//to_text(n_copies*found%n_records)//line_feed// &
              '  python -m entroslip '//shell_word(scene_name(scene)//'.h5')//' --measured '// &
              shell_word(data)//' --out figures'
    end function plot_commands
@@ -181,10 +180,10 @@ contains
 
       associate (request => found%request)
          text = '! estimated from '//counted(found%n_values, 'value', 'values')//' of '//path// &
-                lf//'&process'//lf//'  mean = '//mean_text(found)//'  std = '// &
-                brief(request%std)//lf//'  correlation_length = '// &
-                brief(request%correlation_length)//'  order = '//to_text(request%order)//lf// &
-                '  positive = '//to_text(request%positive)//lf//'/'//lf
+                line_feed//'&process'//line_feed//'  mean = '//mean_text(found)//'  std = '// &
+                brief(request%std)//line_feed//'  correlation_length = '// &
+                brief(request%correlation_length)//'  order = '//to_text(request%order)// &
+                line_feed//'  positive = '//to_text(request%positive)//line_feed//'/'//line_feed
       end associate
    end function group_text
 

@@ -8,7 +8,7 @@ module driver_judge_results
                                       slip_error, slip_error_of, statistical_error, with_own_records
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: long, wp
-   use core_text, only: brief, counted, numbers_text, to_text
+   use core_text, only: brief, counted, line_feed, numbers_text, to_text
    use driver_output, only: output_type
    use driver_regression, only: find_estimates
    use driver_statistics, only: case_task, open_case
@@ -150,7 +150,7 @@ contains
          character(*), intent(in) :: name, found
          real(wp), intent(in) :: wanted
 
-         text = text//new_line('a')//'accuracy%'//name//' = '//brief(wanted)//': case '// &
+         text = text//line_feed//'accuracy%'//name//' = '//brief(wanted)//': case '// &
                 to_text(number)//' has '//found
       end subroutine add
 

@@ -5,6 +5,7 @@ module driver_provenance
    use config_fingerprint, only: canonical_text, fingerprint
    use config_scene, only: scene_type
    use core_error, only: error_type
+   use core_text, only: nl => line_feed
    use driver_build_info, only: architecture, build_type, compiler_flags, git_commit, version
    use io_hdf5, only: hdf5_file, hdf5_library, hdf5_object
    use io_identity, only: identity_type
@@ -75,7 +76,6 @@ contains
    !> Text on the program, its compiler and the libraries that it runs with.
    function version_text() result(text)
       character(:), allocatable :: text
-      character, parameter :: nl = new_line('a')
 
       text = 'entroslip '//version//' ('//git_commit//', '//build_type//')'//nl// &
              'compiler      '//compiler_version()//nl// &

@@ -2,7 +2,7 @@
 !> error, numbers of samples and steps, spectra, orders of processes and lengths of their fits.
 module driver_tradeoff_text
    use core_kinds, only: wp
-   use core_text, only: brief, counted, duration, labelled, numbered, padded, to_text
+   use core_text, only: brief, counted, duration, labelled, line_feed, numbered, padded, to_text
    use io_tradeoff_results, only: tradeoff_findings
    use numerics_sorting, only: sort_order
    use process_model, only: process_model_type
@@ -15,7 +15,6 @@ module driver_tradeoff_text
    private
    public :: setting_text, tradeoff_text
 
-   character, parameter :: line_feed = new_line('a')
 
 contains
 

@@ -14,7 +14,7 @@ module driver_trial_runs
    use core_error, only: error_type, exit_no_solution, exit_stopped, raise
    use core_kinds, only: wp
    use core_terminal, only: say
-   use core_text, only: brief, counted, duration, labelled, to_text
+   use core_text, only: brief, counted, duration, labelled, line_feed, to_text
    use driver_deadline, only: time_to_stop
    use driver_tradeoff_text, only: setting_text
    use io_progress, only: progress_type
@@ -30,7 +30,6 @@ module driver_trial_runs
    private
    public :: choose_setting, choose_spectrum_step, measure_settings
 
-   character, parameter :: line_feed = new_line('a')
    real(wp), parameter :: budget = 3.0_wp   !! expected processor time of the trial marches [s]
 
 contains

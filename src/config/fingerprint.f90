@@ -5,7 +5,7 @@ module config_fingerprint
    use config_text_value_table, only: lister_type
    use core_kinds, only: long
    use core_random, only: label_of
-   use core_text, only: to_text
+   use core_text, only: line_feed, to_text
    implicit none(type, external)
    private
    public :: canonical_text, fingerprint
@@ -31,8 +31,8 @@ contains
       integer :: i, j, number
 
       copy = scene
-      text = 'deterministic cases = '//to_text(scene%runs_deterministic())//new_line('a')// &
-             'sampled cases = '//to_text(scene%runs_samples())//new_line('a')
+      text = 'deterministic cases = '//to_text(scene%runs_deterministic())//line_feed// &
+             'sampled cases = '//to_text(scene%runs_samples())//line_feed
       do i = 1, size(group_names)
          if (.not. takes_part(group_names(i))) cycle
          do number = 1, merge(size(scene%processes), 1, group_names(i) == 'process')
@@ -44,24 +44,24 @@ contains
                   if (row%entry%name == 'friction' .and. .not. scene%runs_deterministic()) cycle
                   text = text//trim(group_names(i))
                   if (number > 1) text = text//'('//to_text(number)//')'
-                  text = text//'%'//trim(row%entry%name)//' = '//row%value//new_line('a')
+                  text = text//'%'//trim(row%entry%name)//' = '//row%value//line_feed
                end associate
             end do
          end do
       end do
       if (scene%has_structure) &
          text = text//'hash of the structure''s files = '//to_text(scene%structure_label)// &
-                new_line('a')
+                line_feed
       if (scene%has_structure .and. scene%runs_deterministic()) then
          do i = 1, scene%structure%n_joints
             text = text//'friction of joint '//to_text(i)//' = '// &
-                   to_text(scene%structure%joint_friction(i))//new_line('a')
+                   to_text(scene%structure%joint_friction(i))//line_feed
          end do
       end if
       if (scene%has_motion() .and. any(scene%excitation%kind == [character(4) :: 'file', 'psd'])) &
-         text = text//'hash of the force file = '//to_text(scene%force_label)//new_line('a')
+         text = text//'hash of the force file = '//to_text(scene%force_label)//line_feed
       if (allocated(scene%values)) &
-         text = text//'hash of process%values = '//to_text(scene%values_label)//new_line('a')
+         text = text//'hash of process%values = '//to_text(scene%values_label)//line_feed
 
    contains
 

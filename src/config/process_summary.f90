@@ -1,14 +1,13 @@
 !> The part of `entroslip check` on processes: a table, and the reasons why some have no solution.
 module config_process_summary
    use campaign_plan, only: plan_type
-   use core_text, only: brief, labelled, numbered, padded, to_text
+   use core_text, only: brief, labelled, line_feed, numbered, padded, to_text
    use process_model, only: branch_note, process_model_type, process_request
    use process_reference, only: is_reference, law_name
    implicit none(type, external)
    private
    public :: is_fitted_by_simulation, max_rows, process_table
 
-   character(*), parameter :: line_feed = new_line('a')
    integer, parameter :: max_rows = 40   !! largest number of rows of a table
 
 contains

@@ -8,8 +8,8 @@ module config_summary
    use config_groups, only: scene_type
    use config_process_summary, only: is_fitted_by_simulation, max_rows, process_table
    use core_kinds, only: two_pi, wp
-   use core_text, only: brief, counted, duration, joined, labelled, lowered, numbered, padded, &
-                        size_text, to_text
+   use core_text, only: brief, counted, duration, joined, labelled, line_feed, lowered, numbered, &
+                        padded, size_text, to_text
    use process_model, only: process_model_type
    use process_scaling, only: first_of_fit
    use structure_model, only: structure_type
@@ -17,7 +17,6 @@ module config_summary
    private
    public :: summary_text
 
-   character(*), parameter :: line_feed = new_line('a')
 
 contains
 

@@ -3,12 +3,12 @@ module config_template
    use config_groups, only: group_docs, group_names, scene_type
    use config_text_value_table, only: entry_type, lister_type, row_type
    use core_kinds, only: wp
+   use core_text, only: line_feed
    implicit none(type, external)
    private
    public :: scene_reference, template_text
 
    integer, parameter :: value_width = 39, line_width = 100   !! [characters]
-   character(*), parameter :: line_feed = new_line('a')
 
 contains
 

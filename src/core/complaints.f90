@@ -3,7 +3,7 @@
 module core_complaints
    use core_kinds, only: long
    use core_source, only: source_type
-   use core_text, only: to_text
+   use core_text, only: line_feed, to_text
    implicit none(type, external)
    private
    public :: blank_hint, complaint_list, printable
@@ -76,7 +76,7 @@ contains
       self%kept = [self%kept(:i), complaint, self%kept(i + 1:)]
       self%shown = ''
       do i = 1, size(self%kept)
-         self%shown = self%shown//self%kept(i)%text//new_line('a')
+         self%shown = self%shown//self%kept(i)%text//line_feed
       end do
       self%text = self%shown(:len(self%shown) - 1)
    end subroutine keep
@@ -100,7 +100,7 @@ contains
       do i = first, min(column - 1, last)
          if (.not. is_continuation(line(i:i))) blanks = blanks + 1
       end do
-      text = new_line('a')//'   | '//printable(line(first:last))//new_line('a')//'   | '// &
+      text = line_feed//'   | '//printable(line(first:last))//line_feed//'   | '// &
              repeat(' ', blanks)//'^'
    end function excerpt
 

@@ -1,12 +1,12 @@
 !> Text of a scene or table with its lines, from a file or from the --set options.
 module core_source
    use core_kinds, only: long
-   use core_text, only: to_text
+   use core_text, only: line_feed, to_text
    implicit none(type, external)
    private
    public :: source_type, find_beside, is_hdf5_file, new_source, read_source
 
-   character, parameter :: carriage_return = achar(13), line_feed = achar(10)
+   character, parameter :: carriage_return = achar(13)
    !> Byte order mark with which some editors begin UTF-8 text.
    character(*), parameter :: byte_order_mark = char(239)//char(187)//char(191)
    character(*), parameter :: not_text = 'is not plain text: HDF5, UTF-16 or another binary format'

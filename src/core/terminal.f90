@@ -5,6 +5,7 @@ module core_terminal
                                           c_long, c_null_char, c_null_funptr, c_ptr, c_size_t
    use core_error, only: exit_done, exit_file
    use core_system, only: c_fopen, c_signal, system_error, system_text
+   use core_text, only: line_feed
    implicit none(type, external)
    private
    public :: end_program, is_terminal, output_is_lost, say, standard_error, standard_output, &
@@ -84,7 +85,7 @@ contains
    subroutine say(text)
       character(*), intent(in) :: text   !! text without its last line feed
 
-      call write_output(text//new_line('a'))
+      call write_output(text//line_feed)
    end subroutine say
 
    !> Writes characters to standard output at once. Keeps the first failure for `end_program` and
@@ -139,8 +140,8 @@ contains
       is_plain = is_set('NO_COLOR')
       if (is_terminal(standard_error) .and. .not. is_plain) &
          heading = escape//'[1;31mentroslip:'//escape//'[0m '
-      if (index(message, new_line('a')) > 0) heading = ''
-      call write_all(standard_error, heading//message//new_line('a'), ignored)
+      if (index(message, line_feed) > 0) heading = ''
+      call write_all(standard_error, heading//message//line_feed, ignored)
    end subroutine write_error
 
    !> Writes a text to a descriptor, in as many pieces as the system needs.

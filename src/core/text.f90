@@ -16,7 +16,7 @@ module core_text
    character(*), parameter, public :: no_number = 'must be a number'   !! rule of parse_real
    character(*), parameter :: digits = '0123456789'
    integer, parameter :: largest_exponent = 100   !! so that products of three values are finite
-   character(*), parameter :: line_feed = new_line('a')
+   character, parameter, public :: line_feed = new_line('a')
    integer, parameter :: label_width = 13, line_width = 80   !! characters, in reports
 
 contains

@@ -2,7 +2,7 @@
 !> samples come from.
 module io_identity
    use core_error, only: error_type, exit_file, raise
-   use core_text, only: to_text
+   use core_text, only: line_feed, to_text
    use io_hdf5, only: hdf5_file, hdf5_object
    implicit none(type, external)
    private
@@ -93,7 +93,6 @@ contains
    function difference(theirs, ours) result(text)
       character(*), intent(in) :: theirs, ours   !! settings of the file and of the scene
       character(:), allocatable :: text
-      character, parameter :: line_feed = new_line('a')
       integer, parameter :: most_named = 3
       character(:), allocatable :: our_value, rest, their_value
       integer :: n
@@ -125,10 +124,10 @@ contains
       integer :: first
 
       value = unused
-      first = index(new_line('a')//settings, new_line('a')//name//' = ')
+      first = index(line_feed//settings, line_feed//name//' = ')
       if (first == 0) return
       value = settings(first + len(name) + 3:)
-      value = value(:index(value//new_line('a'), new_line('a')) - 1)
+      value = value(:index(value//line_feed, line_feed) - 1)
    end function value_of
 
    !> A value, cut after 40 characters.

@@ -16,7 +16,7 @@ module io_lock
    use core_kinds, only: long
    use core_system, only: c_fopen, raise_system, system_error
    use core_terminal, only: write_all
-   use core_text, only: to_text
+   use core_text, only: line_feed, to_text
    use io_files, only: exists, folder_of, host_name, make_folder, process_id, remove_file, &
                        rename_file, unfinished_name
    use io_posix, only: c_fclose, c_fileno, c_link, c_lockf, c_lseek, c_pread, c_stat
@@ -244,7 +244,7 @@ contains
       lock%name = ''
       if (.not. seek_succeeds(lock, 0_c_long)) return
       lock%name = 'process '//to_text(process_id())//' on '//host_name()
-      call write_all(c_fileno(lock%stream), lock%name//new_line('a'), number)
+      call write_all(c_fileno(lock%stream), lock%name//line_feed, number)
       if (number /= 0) lock%name = ''
    end subroutine write_name
 
@@ -299,7 +299,7 @@ contains
       ! by the stream that has the lock, because closing another one would release it
       n = c_pread(c_fileno(lock%stream), found, size(found, kind=c_size_t), 0_c_long)
       is_ours = n == size(found)
-      if (is_ours) is_ours = all(found == [(lock%name(i:i), i=1, len(lock%name)), new_line('a')])
+      if (is_ours) is_ours = all(found == [(lock%name(i:i), i=1, len(lock%name)), line_feed])
    end function is_ours
 
    !> True if the path still leads to the file that was opened.

@@ -10,7 +10,7 @@ module config_text_namelist
    use core_complaints, only: blank_hint, complaint_list, printable
    use core_kinds, only: long
    use core_source, only: new_source, source_type
-   use core_text, only: lowered, parse_integer
+   use core_text, only: line_feed, lowered, parse_integer
    implicit none(type, external)
    private
    public :: assignment_type, document_type, override_text
@@ -22,7 +22,7 @@ module config_text_namelist
    type :: group_type
       character(32) :: name = ''          !! name in lower case, cut at 32 characters
       type(token_type) :: place           !! &name
-      logical :: has_unknown = .false.    !! true if it has an unknown name, or text without '='
+      logical :: is_misread = .false.    !! true if it has an unknown name, or text without '='
    end type group_type
 
    !> One `name = values` or `name(lower:upper) = values`.
@@ -84,9 +84,9 @@ contains
       text = ''
       do i = 1, size(overrides)
          do j = 1, len_trim(overrides(i))
-            text = text//merge(' ', overrides(i) (j:j), overrides(i) (j:j) == new_line('a'))
+            text = text//merge(' ', overrides(i) (j:j), overrides(i) (j:j) == line_feed)
          end do
-         text = text//new_line('a')
+         text = text//line_feed
       end do
    end function override_text
 
@@ -128,7 +128,7 @@ contains
             call parse_assignment(document, size(document%groups), i)
          else
             call document%complain(token, document%rule_on(token, 'expected name = value'))
-            document%groups(size(document%groups))%has_unknown = .true.
+            document%groups(size(document%groups))%is_misread = .true.
             i = end_of_values(document%tokens, i)
          end if
          i = i + 1

@@ -51,13 +51,13 @@ contains
 
       do i = 1, self%n_assignments
          if (self%assignments(i)%group /= self%group .or. self%assignments(i)%is_known) cycle
-         self%groups(self%group)%has_unknown = .true.
+         self%groups(self%group)%is_misread = .true.
          call self%refuse_assignment(i, 'unknown name'// &
                                      suggestion(trim(self%assignments(i)%name), self%known))
       end do
       do i = 1, size(self%missing)
          associate (group => self%groups(self%group))
-            if (.not. group%has_unknown) call self%refuse(self%group, group%place, &
+            if (.not. group%is_misread) call self%refuse(self%group, group%place, &
                                                           trim(self%missing(i)), '', &
                                                           'must be given')
          end associate
@@ -123,7 +123,7 @@ contains
       if (i > 0) then
          if (.not. self%assignments(i)%is_refused) call self%refuse_assignment(i, rule)
       else if (i_group > 0) then
-         if (.not. self%groups(i_group)%has_unknown) &
+         if (.not. self%groups(i_group)%is_misread) &
             call self%refuse(i_group, self%groups(i_group)%place, name, value, rule)
       else
          call self%complaints%add_general(self%source(1)%name//': '//group//'%'//name//': '//rule)

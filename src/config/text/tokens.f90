@@ -2,7 +2,7 @@
 module config_text_tokens
    use core_kinds, only: long
    use core_source, only: source_type
-   use core_text, only: lowered, parse_integer
+   use core_text, only: line_feed, lowered, parse_integer
    implicit none(type, external)
    private
    public :: token_type, tokenize
@@ -22,7 +22,7 @@ module config_text_tokens
 
    integer, parameter :: most_repeats = 1000000   !! limit of r in r*value; no list is that long
    character(*), parameter :: quotes = '''"', &
-                        blanks = ' '//achar(9)//achar(11)//achar(12)//achar(13)//new_line('a')
+                        blanks = ' '//achar(9)//achar(11)//achar(12)//achar(13)//line_feed
 
    !> A token; its text is source%text(first:last).
    type :: token_type
@@ -54,7 +54,7 @@ contains
       do while (position <= last)
          token = token_type(source=number, line=line_here, first=position, last=position, &
                             start=position)
-         if (source%text(position:position) == new_line('a')) line_here = line_here + 1
+         if (source%text(position:position) == line_feed) line_here = line_here + 1
          call classify(source%text(:last), number == 1, token)
          position = token%last + 1
          if (token%kind == token_none) cycle
@@ -94,7 +94,7 @@ contains
          token%kind = token_comma
       else if (index('()', begin) > 0) then
          token%kind = token_stray
-         length = scan(text(token%first + 1:), '()=&$/!'//quotes//new_line('a'))
+         length = scan(text(token%first + 1:), '()=&$/!'//quotes//line_feed)
          if (begin == ')' .or. length == 0) return
          if (text(token%first + length:token%first + length) /= ')') return
          token%kind = token_index
@@ -161,7 +161,7 @@ contains
       character(*), intent(in) :: text
       integer, intent(in) :: position
 
-      end_of_line = index(text(position:), new_line('a')) + position - 2
+      end_of_line = index(text(position:), line_feed) + position - 2
       if (end_of_line < position - 1) end_of_line = len(text)
    end function end_of_line
 

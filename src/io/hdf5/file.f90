@@ -4,7 +4,7 @@ module io_hdf5_file
    use core_error, only: error_type, exit_file, raise
    use core_text, only: to_text
    use hdf5
-   use io_hdf5_outcome, only: conclude, forget_failure, listen_to_failures
+   use io_hdf5_outcome, only: catch_failures, conclude, forget_failure
    implicit none(type, external)
    private
    public :: hdf5_file, create_hdf5, hdf5_library, new_timeless_list, open_hdf5
@@ -218,7 +218,7 @@ contains
       call h5dont_atexit_f(status)   ! its cleaning up at exit crashes after a full disk
       call h5open_f(status)
       if (status < 0) error stop 'io_hdf5_file: the HDF5 library does not start'
-      call listen_to_failures()
+      call catch_failures()
       is_started = .true.
    end subroutine start_library
 

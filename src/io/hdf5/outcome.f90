@@ -10,7 +10,7 @@ module io_hdf5_outcome
    use core_system, only: text_at
    implicit none(type, external)
    private
-   public :: conclude, forget_failure, listen_to_failures, note_failure
+   public :: catch_failures, conclude, forget_failure, note_failure
 
    character(:), allocatable :: reason   !! reason of the first failure; unallocated: none
 
@@ -43,12 +43,12 @@ module io_hdf5_outcome
 contains
 
    !> Makes HDF5 call `report` at each failure instead of printing.
-   subroutine listen_to_failures()
+   subroutine catch_failures()
       integer(c_int64_t), parameter :: default_stack = 0
       integer(c_int) :: status
 
       status = c_set_auto(default_stack, c_funloc(report), c_null_ptr)
-   end subroutine listen_to_failures
+   end subroutine catch_failures
 
    !> Keeps the reason of the first failure: the system's error message if there is one, else the
    !> description by HDF5's innermost function. HDF5 calls it.
