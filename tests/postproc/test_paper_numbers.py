@@ -102,7 +102,9 @@ def test_forces_and_given_friction_are_named():
         case.data["slip_mean"] = case.data["slip_fraction"].mean("sample")
         case.data["slip_mean_error"] = ("joint", np.full(5, 0.03))
     slip = next(quantity for quantity in QUANTITIES if quantity.name == "slip")
-    assert [name.split(", ")[-1] for name in table_joints(cases, slip).header[1:]] == [
+    joints = table_joints(cases, slip)
+    assert joints.title.endswith("[%], deterministic friction")
+    assert [name.split(": ")[-1] for name in joints.header[1:]] == [
         f"variance {LOW:g} [%]", "2 N at 0.5 Hz [%]", "force factor 3 [%]",
     ]  # fmt: skip
 
