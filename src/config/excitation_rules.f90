@@ -32,6 +32,7 @@ contains
                              'dof', 'must be absent with base = .true.: the ground moves')
          if (excitation%kind == '') return   ! it was refused
          call check_values_of_kind(scene, reader)
+         if (.not. scene%integration%dt > 0.0_wp) return   ! it was refused
          select case (excitation%kind)
          case ('file')
             if (excitation%file /= '') call read_force_file(scene, reader)
@@ -40,7 +41,7 @@ contains
          case ('psd')
             if (excitation%psd /= '') call read_density(scene, reader)
          case default
-            if (size(excitation%band) < 2 .or. .not. scene%integration%dt > 0.0_wp) return
+            if (size(excitation%band) < 2) return
             rule = band_rule(excitation%band, scene%integration%dt)
             call reader%require(rule == '', group, 'band', rule, '0.0, 2.5')
          end select
@@ -94,7 +95,7 @@ contains
                                         scene%output%quantities /= 'spectrum')
       associate (frequency => scene%excitation%frequency, dt => scene%integration%dt, &
                  n_steps => scene%integration%n_steps, n_discard => scene%integration%n_discard)
-         if (size(frequency) == 0 .or. .not. dt > 0.0_wp .or. n_steps < 1) return
+         if (size(frequency) == 0 .or. n_steps < 1) return
          if (.not. all(frequency > 0.0_wp)) return
          highest = 1.0_wp/(steps_per_period*dt)
          call reader%require(all(frequency <= highest*(1.0_wp + epsilon(1.0_wp))), group, &
