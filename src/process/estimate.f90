@@ -168,7 +168,7 @@ contains
    end subroutine add_piece
 
    !> Fails if there are too few values, if all are equal, or if the first number of each record, or
-   !> all numbers of the only one, are an index: at least four with equal steps.
+   !> all numbers of the only one, are an index: at least six with equal steps.
    pure subroutine check_values(records, values, error)
       type(measured_record), intent(in) :: records(:)
       real(wp), intent(in) :: values(:)   !! those of all records, without gaps
@@ -187,7 +187,7 @@ contains
       else if (.not. maxval(values) > minval(values)) then
          call raise(error, exit_bad_input, 'all values are '//to_text(values(1))// &
                     ': they must scatter')
-      else if (n >= 4) then
+      else if (n >= 6) then
          if (all(abs(column(3:) - 2.0_wp*column(2:n - 1) + column(:n - 2)) &
                  < rounding*abs(column(2) - column(1)))) &
             call raise(error, exit_bad_input, 'the numbers '//to_text(column(1))//', '// &
