@@ -15,7 +15,6 @@ module driver_tradeoff_text
    private
    public :: setting_text, tradeoff_text
 
-
 contains
 
    !> All tables, each with an empty line below it.

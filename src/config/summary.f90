@@ -17,7 +17,6 @@ module config_summary
    private
    public :: summary_text
 
-
 contains
 
    !> Summary of a scene, without a final line feed.
