@@ -49,7 +49,7 @@ def _members(group: h5py.Group) -> Iterator[tuple[str, h5py.Group | h5py.Dataset
         try:
             yield name, group[name]
         except KeyError as error:
-            raise OSError(f"{group.name}/{name}: {error.args[0]}") from error
+            raise OSError(f"{group.name.rstrip('/')}/{name}: {error.args[0]}") from error
 
 
 def _axes(group: h5py.Group) -> dict[int, tuple[str, str]]:

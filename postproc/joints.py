@@ -23,6 +23,11 @@ class OfJoints:
     unit: str
     dataset: str  # of samples, with means beside it but of the largest displacement
 
+    @property
+    def heading(self) -> str:
+        """The title with a capital letter."""
+        return self.title[0].upper() + self.title[1:]
+
     def is_in(self, case: Case) -> bool:
         """True if the case has it, with its error."""
         if self.name == "displacement":

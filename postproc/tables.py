@@ -10,7 +10,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from . import joints, sensitivity, tradeoff
-from .joints import slip_with_error
 from .paper.evidence import Statement
 from .paper.printed import SLIP_HZ, SLIP_PERCENT, STDS, STUCK_HZ, is_paper_study
 from .processes import imposed_lengths, is_maximum_entropy
@@ -141,7 +140,7 @@ def table_slip(results: Results) -> Table:
     cases = [case for case in results.deterministic if case.has("slip_fraction")]
     rows, beside = [], []
     for case in cases:
-        slip, error = slip_with_error(case)
+        slip, error = joints.slip_with_error(case)
         name = case.force
         ours = (value_with_error(100.0 * p, 100.0 * e) for p, e in zip(slip, error, strict=True))
         rows.append((name, *ours))
@@ -201,8 +200,7 @@ def table_joints(cases: Sequence[Case], quantity: joints.OfJoints) -> Table:
     header = (corner, *(f"{name} [{quantity.unit}]" for name in names))
     rows = [(line, *row) for line, row in zip(lines, cells, strict=True)]
     name = "joints" if quantity.name == "slip" else f"joints_{quantity.name}"
-    title = f"{quantity.title[0].upper()}{quantity.title[1:]} of the joints [{quantity.unit}]"
-    title += f", {friction}" if friction else ""
+    title = f"{quantity.heading} of the joints [{quantity.unit}]{friction and f', {friction}'}"
     return Table(
         name, title, header, rows, f"{_ERRORS} {quantity.errors(cases)}.",
         is_detail=len(cases) > _MOST_COLUMNS or len(rows) > _MOST_ROWS, is_result=True,
@@ -335,7 +333,7 @@ def table_statistics(case: Case) -> Table:
 def table_sample(case: Case) -> Table:
     """Friction and time in slip of the only sample of a case, as a replay has it."""
     data = case.data.isel(sample=0)
-    slip, error = slip_with_error(case)
+    slip, error = joints.slip_with_error(case)
     rows = [
         ("friction coefficient", *(f"{value:.4g}" for value in data["friction"].values)),
         ("time in slip [%]", *map(value_with_error, 100.0 * slip, 100.0 * error)),

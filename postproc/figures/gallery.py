@@ -200,8 +200,8 @@ def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
             friction = shared_friction(own)
             yield Figure(
                 f"along_{quantity.name}",
-                f"{quantity.title[0].upper()}{quantity.title[1:]} along the structure",
-                f"Mean over samples of each joint{f', {friction}' if friction else ''}."
+                f"{quantity.heading} along the structure",
+                f"Mean over samples of each joint{friction and f', {friction}'}."
                 f" Bars are 95 % intervals, {quantity.errors(own)}.{some}",
                 _STUDY,
                 (partial(study_figures.plot_along, cases=own, quantity=quantity),),
@@ -300,7 +300,7 @@ def _welch(case: Case) -> str:
 
 def _of_modes(results: Results) -> str:
     """Sentence on the lines at natural frequencies, if they are drawn."""
-    if not study_figures.modes_are_marked(results):
+    if study_figures.marked_structure(results) is None:
         return ""
     return " Vertical lines: natural frequencies with all joints stuck (full), slipping (dotted)."
 

@@ -234,10 +234,11 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
 def plot_along(axes: Axes, cases: Sequence[Case], quantity: OfJoints) -> None:
     """A quantity along the structure, joint by joint, a line per case, 95 % intervals."""
     named = looks.of_processes(cases)
+    is_shared = shared_friction(cases) != ""
     for rank, case in enumerate(cases):
         mean, error = quantity.of(case)
         name = looks.level_name(case)
-        if not shared_friction(cases):
+        if not is_shared:
             name = f"{named[case.process][0]}, std {case.std:.3g}, {name}"
         look = style.of_rank(rank, len(cases))
         if mean.size > _MOST_MARKED:
@@ -318,16 +319,16 @@ def force_axis(case: Case) -> str:
 
 
 def _mark_modes(axes: Axes, results: Results) -> None:
-    structure = results.structure
-    if structure is not None and modes_are_marked(results):
+    structure = marked_structure(results)
+    if structure is not None:
         style.mark_frequencies(axes, structure["frequencies_stuck"].values, "modes, stuck", "-")
         style.mark_frequencies(axes, structure["frequencies_slip"].values, "modes, slipping", ":")
 
 
-def modes_are_marked(results: Results) -> bool:
-    """True if spectra have lines at the natural frequencies: many would hide the curves."""
+def marked_structure(results: Results) -> xr.Dataset | None:
+    """The structure whose natural frequencies are lines in spectra: many would hide the curves."""
     structure = results.structure
-    return structure is not None and bool(structure.sizes["mode"] <= _MOST_MODES)
+    return structure if structure is not None and structure.sizes["mode"] <= _MOST_MODES else None
 
 
 def _frame_spectrum(
