@@ -36,6 +36,7 @@ module statistics_surrogate
       !> (landmark, feature), (feature): phi(x) = transform'k(landmark, x) - offset
       real(wp), allocatable, private :: transform(:, :), offset(:)
       real(wp), private :: mean_of_kernel = 0.0_wp   !! mean of k over pairs of landmarks
+      real(wp), allocatable, private :: mean_feature(:)   !! (feature) mean over the landmarks
       real(wp), private :: mean_rest = 0.0_wp        !! mean of rest(x), formula (5), over samples
    end type surrogate_type
 
@@ -105,8 +106,10 @@ contains
          surrogate%transform = basis*spread(scale, 1, size(basis, 1))
          surrogate%offset = surrogate%offset*scale
       end associate
-      surrogate%mean_rest = sum(centred_diagonal(surrogate, x, rows) &
-                                - matmul(surrogate%feature**2, eigenvalue))/n
+      associate (places => evenly_spaced(n, most_landmarks))
+         surrogate%mean_feature = sum(surrogate%feature(places, :), 1)/size(places)
+      end associate
+      surrogate%mean_rest = sum(rest_at(surrogate, x, rows, transpose(surrogate%feature)))/n
    end subroutine find_features
 
    !> Computes k(landmark, x) at points x.
@@ -324,15 +327,20 @@ contains
       average = average - spread(constant*surrogate%offset, 2, size(average, 2))
    end subroutine average_features
 
-   !> k(x, x) of the kernel without its means over the landmarks in either argument.
-   pure function centred_diagonal(surrogate, x, rows) result(diagonal)
+   !> rest(x) of formula (5), from the kernel without its means over the landmarks in either
+   !> argument.
+   pure function rest_at(surrogate, x, rows, feature) result(rest)
       type(surrogate_type), intent(in) :: surrogate
       real(wp), intent(in) :: x(:, :), rows(:, :)   !! (point, input), (landmark, point)
-      real(wp) :: diagonal(size(x, 1))
+      real(wp), intent(in) :: feature(:, :)         !! (feature, point)
+      real(wp) :: rest(size(x, 1))
 
-      diagonal = kernel_diagonal(surrogate%kernel, x) - 2.0_wp*sum(rows, 1)/size(rows, 1) &
-                 + surrogate%mean_of_kernel
-   end function centred_diagonal
+      rest = kernel_diagonal(surrogate%kernel, x) - 2.0_wp*sum(rows, 1)/size(rows, 1) &
+             + surrogate%mean_of_kernel
+      rest = max(rest - matmul(surrogate%eigenvalue, &
+                               (feature - spread(surrogate%mean_feature, 2, size(rest)))**2), &
+                 0.0_wp)
+   end function rest_at
 
    !> Computes G at points.
    subroutine predict(fit, rows, values)
@@ -360,9 +368,8 @@ contains
       integer :: r
 
       call average_features(surrogate, rows, 1.0_wp, square)
+      rest = rest_at(surrogate, x, rows, square)
       square = square**2
-      rest = max(centred_diagonal(surrogate, x, rows) - matmul(surrogate%eigenvalue, square), &
-                 0.0_wp)
       do r = 1, n_ratios
          shrink(:, r) = surrogate%eigenvalue/(surrogate%eigenvalue + noise_ratios(r))
       end do
