@@ -4,11 +4,13 @@
 !>    bench_regression TRUTH N TIMES RAW CASE...
 !>
 !> TRUTH is a thinned campaign (`thinned` of regression.py). The cases are one pool, which takes the
-!> first samples drawn. RAW is a file of the draws, which is filled up to TIMES of them: of each
-!> case, joint and output five numbers (real32): the errors of plain sampling and of the estimate,
-!> the estimate's distances to both ends of its interval, and the standard error that plain sampling
-!> states. Outputs: mean, standard deviation, 5 and 95 % of slip, pseudo-variances of the mean, of
-!> 5 and of 95 %, band ratio; then mean spectrum, its 5 and 95 % at each frequency below 3 Hz.
+!> first samples drawn; of a case named as law:c003 it takes none, but estimates its law. RAW is a
+!> file of the draws, which is filled up to TIMES of them: of each case, joint and output five
+!> numbers (real32): the errors of plain sampling and of the estimate, the estimate's distances to
+!> both ends of its interval, and the standard error that plain sampling states (of a law without
+!> samples the estimate's, times the extrapolation). Outputs: mean, standard deviation, 5 and 95 %
+!> of slip, pseudo-variances of the mean, of 5 and of 95 %, band ratio; then mean spectrum, its 5
+!> and 95 % at each frequency below 3 Hz.
 program regression
    use, intrinsic :: iso_fortran_env, only: real32
    use campaign_pooling, only: most_samples
@@ -30,6 +32,7 @@ program regression
    integer(long), parameter :: seed = 1_long
    real(wp), parameter :: share_left_out = 0.05_wp   ! share of the law's draws
    type :: case_data
+      integer :: n_fitted = 0                     !! samples in the pool
       real(wp), allocatable :: friction(:, :)     !! (point, sample)
       real(wp), allocatable :: slip(:, :)         !! (joint, sample)
       real(wp), allocatable :: density(:, :, :)   !! (dof, frequency, sample)
@@ -42,7 +45,8 @@ program regression
    real(wp), allocatable :: frequency(:)
    real(real32), allocatable :: numbers(:, :, :, :)            ! (5, output, joint, case)
    character(256), allocatable :: words(:)
-   integer :: i, draw, n, n_bytes, n_cases, n_done, n_fitted, n_joints, raw, times
+   integer, allocatable :: first(:)   ! (case + 1) its first sample in the pool
+   integer :: i, draw, n, n_bytes, n_cases, n_done, n_joints, raw, times
    real(wp) :: began, ended
 
    allocate (words(command_argument_count()))
@@ -51,11 +55,14 @@ program regression
    end do
    read (words(2:3), *) n, times
    n_cases = size(words) - 4
-   n_fitted = min(n, most_samples/n_cases)
    allocate (cases(n_cases))
    do i = 1, n_cases
-      call read_case(trim(words(1)), trim(words(4 + i)), cases(i))
+      associate (name => words(4 + i))
+         call read_case(trim(words(1)), trim(name(index(name, ':') + 1:)), cases(i))
+         if (index(name, ':') == 0) cases(i)%n_fitted = min(n, most_samples/n_cases)
+      end associate
    end do
+   first = [1, (1 + sum(cases(:i)%n_fitted), i=1, n_cases)]
    n_joints = size(cases(1)%slip, 1)
    allocate (numbers(5, 8 + 3*count(frequency < highest), n_joints, n_cases))
    call find_truth()
@@ -186,13 +193,13 @@ contains
       real(wp), allocatable :: friction(:, :)
       integer :: c, chosen(n, n_cases), j
 
-      allocate (friction(n_fitted*n_cases, size(cases(1)%friction, 1)))
+      allocate (friction(sum(cases%n_fitted), size(cases(1)%friction, 1)))
       do c = 1, n_cases
          chosen(:, c) = choose(size(cases(c)%friction, 2), c)
-         friction((c - 1)*n_fitted + 1:c*n_fitted, :) = &
-            transpose(cases(c)%friction(:, chosen(:n_fitted, c)))
+         friction(first(c):first(c + 1) - 1, :) = &
+            transpose(cases(c)%friction(:, chosen(:cases(c)%n_fitted, c)))
       end do
-      call new_pool(friction, [(1 + c*n_fitted, c=0, n_cases)], [(n, c=1, n_cases)], pool)
+      call new_pool(friction, first, [(n, c=1, n_cases)], pool)
       do c = 1, n_cases
          call add_law(c, pool)
       end do
@@ -226,11 +233,11 @@ contains
       type(statistic_type), dimension(1, n_scalars, n_cases) :: plain, estimates
       type(statistic_type) :: sensitivity(size(pool%x, 2), n_cases)
       type(error_type), allocatable :: error
-      real(wp) :: y(n_fitted*n_cases, 1)
+      real(wp) :: y(sum(cases%n_fitted), 1)
       integer :: c, p
 
       do c = 1, n_cases
-         y((c - 1)*n_fitted + 1:c*n_fitted, 1) = cases(c)%slip(j, chosen(:n_fitted, c))
+         y(first(c):first(c + 1) - 1, 1) = cases(c)%slip(j, chosen(:cases(c)%n_fitted, c))
          plain(1, :, c) = plain_of(cases(c)%slip(j, chosen(:, c)))
       end do
       call estimate_scalars(pool, y, [.true.], share_below, plain, estimates, sensitivity, error)
@@ -264,13 +271,13 @@ contains
       type(statistic_type), allocatable :: spectra(:, :, :)
       type(statistic_type) :: best(n_scalars - 1)   ! estimates at a frequency
       type(error_type), allocatable :: error
-      real(wp) :: y(n_fitted*n_cases, size(frequency))
+      real(wp) :: y(sum(cases%n_fitted), size(frequency))
       real(wp) :: own(n, size(frequency)), step
       integer :: at, c, f, n_powerful, p
 
       do c = 1, n_cases
          own = transpose(cases(c)%density(j, :, chosen(:, c)))
-         y((c - 1)*n_fitted + 1:c*n_fitted, :) = own(:n_fitted, :)
+         y(first(c):first(c + 1) - 1, :) = own(:cases(c)%n_fitted, :)
          plain(:, :, c) = plain_spectrum(own)
       end do
       step = frequency(2) - frequency(1)

@@ -1,11 +1,13 @@
 """Errors and coverage of the regression: python bench/regression.py [TIMES [N ...] [SCENE ...]].
 
+With the word `whatif` it estimates, from the samples of each case, the other laws of its force.
+
 Campaigns of thousands of samples a case are the truth. From each of them N samples (25, 100 and
 400) are drawn TIMES times (400), with replacement; each time all statistics are estimated, and
 their errors compared with plain sampling's. The law of the friction is that of the campaign's
 samples, of which each draw takes most. Every case is estimated by itself, and pooled with those of
-the same force. Prints a table for each scene (paper, stuck, ring, twenty): median gain over cases,
-masses (and frequencies), in brackets the least; mean coverage, in brackets the least and the
+the same force. Prints a table for each scene (paper, stuck, ring, twenty, laws): median gain over
+cases, masses (and frequencies), in brackets the least; mean coverage, in brackets the least and the
 largest of a case and a mass.
 What is left of the campaigns (`.thin.h5`: every fourth frequency, as far as there is power) and the
 draws (`.raw`) are kept in results/: more draws go on from there, and after a change of the
@@ -14,6 +16,7 @@ estimators the draws are to be deleted, not the truth. Builds the target bench_r
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import subprocess
@@ -31,6 +34,7 @@ RESULTS = ROOT / "results"
 SCENE = """\
 &scene seed = 99 /
 &process correlation_length = {lengths} order = {orders} mean = 0.2 std = {std} /
+{others}
 {structure}
 &excitation variance = {force} {band} /
 &integration method = 'event' n_steps = {steps} /
@@ -40,7 +44,12 @@ SCENE = """\
 CHAIN = {
     "lengths": "1.0", "orders": "5", "structure": "&chain n_dof = 5 /", "force": "3.7, 41.1",
     "band": "", "std": "0.067, 0.10", "steps": 100000, "truth": 20000, "segment": 2048,
+    "others": "",
 }  # fmt: skip
+OTHER_MEANS = "\n".join(
+    f"&process correlation_length = 1.0 order = 5 mean = {mean} std = {std} /"
+    for mean, std in ((0.12, 0.04), (0.3, 0.1), (0.4, 0.067))
+)
 RING = """\
 &structure
    mass_matrix = 'ring/M.mtx' stiffness_matrix = 'ring/K.mtx' joints = 'ring/joints.txt'
@@ -80,6 +89,11 @@ SCENES = {
                  "segment": 1024},
         [[1, 3], [2, 4]],
     ),
+    "laws": Scene(
+        "Seven laws of L0 = 1: means 0.12 to 0.4, std 0.04 to 0.14, both forces",
+        CHAIN | {"std": "0.04, 0.067, 0.10, 0.14", "others": OTHER_MEANS, "truth": 5000},
+        [[1, 3, 5, 7, 9, 11, 13], [2, 4, 6, 8, 10, 12, 14]],
+    ),
 }  # fmt: skip
 #: statistics in the order of the draws; those of spectra follow for each frequency
 NUMBERS = (
@@ -90,6 +104,7 @@ SPECTRA = ("mean spectrum < 3 Hz", "spectrum 5 % < 3 Hz", "spectrum 95 % < 3 Hz"
 HIGHEST = 3.0  # [Hz] of the spectra in the draws
 EVERY = 4  # frequencies
 POWERLESS = 1e-5  # share of the power above the frequencies that are kept
+EXTRAPOLATIONS = (0.0, 0.5, 2.0, 5.0, 20.0, math.inf)  # ends of ranges
 LEAST = 0.95  # gain below which an estimate is worse than plain sampling
 COVERS = 0.90, 0.99  # wanted of the intervals of each case and joint
 
@@ -130,17 +145,20 @@ def truth_of(name: str, scene: Scene) -> Path:
     return thin
 
 
-def draws(thin: Path, n: int, times: int, cases: list[int]) -> np.ndarray:
-    """(draw, case, joint, output, number), as bench/regression.f90 has them; `times` or more."""
-    names = [f"c{case:03}" for case in cases]
-    raw = thin.with_name(thin.name.replace(".thin.h5", f".{n}.{'_'.join(names)}.raw"))
+def draws(
+    thin: Path, n: int, times: int, cases: list[int], laws: tuple[int, ...] = ()
+) -> np.ndarray:
+    """(draw, case or law, joint, output, number), of bench/regression.f90; `times` or more."""
+    names = [f"c{case:03}" for case in cases] + [f"law:c{case:03}" for case in laws]
+    ending = f".{n}.{'_'.join(names).replace(':', '_')}.raw"
+    raw = thin.with_name(thin.name.replace(".thin.h5", ending))
     words = [BUILT / "bench_regression", thin, n, times, raw, *names]
     alone = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     subprocess.run([str(word) for word in words], check=True, capture_output=True, env=alone)
     with h5py.File(thin) as file:
         n_joints = file["campaign/c001/slip_fraction"].shape[1]
         n_bins = int((file["campaign/c001/frequency"][()] < HIGHEST).sum())
-    shape = (-1, len(cases), n_joints, len(NUMBERS) + len(SPECTRA) * n_bins, 5)
+    shape = (-1, len(names), n_joints, len(NUMBERS) + len(SPECTRA) * n_bins, 5)
     numbers = np.fromfile(raw, np.float32).astype(float)
     return numbers[: len(numbers) // math.prod(shape[1:]) * math.prod(shape[1:])].reshape(shape)
 
@@ -243,16 +261,60 @@ def report(name: str, times: int, sizes: list[int]) -> list[str]:
     return lines
 
 
+def report_of_laws(name: str, times: int, sizes: list[int]) -> list[str]:
+    """Table of the laws without samples by extrapolation: gain over samples of their own."""
+    scene = SCENES[name]
+    thin = truth_of(name, scene)
+    lines = []
+    for n in sizes:
+        found = []
+        for pool in scene.pools:
+            for case in pool:
+                laws = tuple(other for other in pool if other != case)
+                found.append(draws(thin, n, times, [case], laws)[:, 1:])
+        ratios = [
+            np.concatenate([extrapolation_of(part[..., number, :]) for part in found])
+            for number in range(len(NUMBERS))
+        ]
+        ranges = [
+            (low, high)
+            for low, high in itertools.pairwise(EXTRAPOLATIONS)
+            if any(((ratio >= low) & (ratio < high)).any() for ratio in ratios)
+        ]
+        n_draws = min(len(part) for part in found)
+        lines += ["", f"**{scene.meaning}; N = {n}, {n_draws} draws:**", ""]
+        head = ["statistic"]
+        for low, high in ranges:
+            head += [f"{low:g} to {high:g}: joints", "gain", "covers"]
+        lines += ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+        for statistic, label in enumerate(NUMBERS):
+            score = together([score_of(part, statistic) for part in found])
+            row = [label]
+            for low, high in ranges:
+                some = (ratios[statistic] >= low) & (ratios[statistic] < high)
+                part = Score(*(values[some] for values in score))
+                row += [str(some.sum()), *(cells(part) if some.any() else ("-", "-"))]
+            lines.append("| " + " | ".join(row) + " |")
+    return lines
+
+
+def extrapolation_of(found: np.ndarray) -> np.ndarray:
+    """(law and joint): median over the draws of the error times it, over the error."""
+    _, _, low, high, product = np.moveaxis(found.reshape(len(found), -1, 5), -1, 0)
+    return np.median(product * 2 * 1.959964 / np.maximum(low + high, 1e-300), 0)
+
+
 def main() -> None:
     """A table for each scene."""
     named = [word for word in sys.argv[1:] if word in SCENES]
-    sizes = [int(word) for word in sys.argv[1:] if word not in SCENES]
+    sizes = [int(word) for word in sys.argv[1:] if word.isdigit()]
+    table = report_of_laws if "whatif" in sys.argv else report
     times = sizes.pop(0) if sizes else 400
     build = ["cmake", "--build", "--preset", "release", "--target", "bench_regression"]
     subprocess.run(build, cwd=ROOT, check=True, capture_output=True)
     RESULTS.mkdir(exist_ok=True)
     for name in named or SCENES:
-        print("\n".join(report(name, times, sizes or [25, 100, 400])), flush=True)
+        print("\n".join(table(name, times, sizes or [25, 100, 400])), flush=True)
 
 
 if __name__ == "__main__":

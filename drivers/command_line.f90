@@ -15,6 +15,7 @@ module driver_command_line
       'tradeoff SCENE  what accuracy costs in this scene, and the cheapest settings', &
       'replay SCENE    one sample again, with its full history (--case, --sample)', &
       'estimate DATA   measured values to the process that explains them', &
+      'whatif RESULTS  the samples of a run under another law of friction (--set)', &
       'template        print a complete commented scene']
    !> Options, one row each.
    character(*), parameter :: options(*) = [character(76) :: &
@@ -30,9 +31,9 @@ module driver_command_line
       '--version       version, compiler, flags, libraries']
    integer, parameter :: text_column = 17
    !> (option) Commands that accept it; --help and --version need no command.
-   character(*), parameter :: commands_of_option(*) = [character(38) :: &
-      'run, tradeoff, replay, estimate', 'run', 'run, check, tradeoff, replay', 'run', 'replay', &
-      'replay', 'template', 'run, check, tradeoff, replay, estimate', '', '']
+   character(*), parameter :: commands_of_option(*) = [character(46) :: &
+      'run, tradeoff, replay, estimate', 'run', 'run, check, tradeoff, replay, whatif', 'run', &
+      'replay', 'replay', 'template', 'run, check, tradeoff, replay, estimate, whatif', '', '']
 
    !> Command, paths and options.
    type :: command_line
@@ -188,6 +189,9 @@ contains
          if (allocated(line%scene)) call raise(error, exit_bad_input, 'template takes no scene')
       else if (.not. allocated(line%scene) .and. line%command == 'estimate') then
          call raise(error, exit_bad_input, 'estimate needs data: entroslip estimate DATA')
+      else if (.not. allocated(line%scene) .and. line%command == 'whatif') then
+         call raise(error, exit_bad_input, 'whatif needs results: entroslip whatif RESULTS.h5 '// &
+                    '--set process%std=0.1')
       else if (.not. allocated(line%scene)) then
          call raise(error, exit_bad_input, line%command//' needs a scene: entroslip '// &
                     line%command//' SCENE')
@@ -207,7 +211,7 @@ contains
       accepts = index(', '//trim(commands_of_option(i))//',', ', '//command//',') > 0
    end function accepts
 
-   !> Help: 23 lines of at most 80 columns, one screen of a terminal.
+   !> Help: 24 lines of at most 80 columns, one screen of a terminal.
    pure function help_text() result(text)
       character(:), allocatable :: text
 

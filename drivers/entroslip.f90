@@ -13,6 +13,7 @@ program entroslip
    use driver_replay, only: replay
    use driver_run, only: run
    use driver_tradeoff, only: tradeoff
+   use driver_whatif, only: whatif
    use parallel_world, only: start_world, was_launched, world_type
    implicit none(type, external)
    type(command_line) :: line
@@ -45,6 +46,8 @@ program entroslip
       call replay(line)
    case ('estimate')
       call estimate(line)
+   case ('whatif')
+      call whatif(line)
    case ('template')
       if (line%has('--reference')) then
          call say(scene_reference())

@@ -7,7 +7,8 @@ module driver_estimate
    use core_error, only: error_type, exit_bad_input, exit_done, exit_file, raise
    use core_kinds, only: long, wp
    use core_terminal, only: say
-   use core_text, only: brief, counted, labelled, line_feed, rounded_text, shell_word, to_text
+   use core_text, only: brief, counted, labelled, line_feed, rounded_by_error, shell_word, &
+                        to_text, with_error
    use driver_command_line, only: command_line
    use io_files, only: exists, folder_of, make_folder, write_new_file
    use io_progress, only: progress_type
@@ -81,7 +82,7 @@ contains
       text = labelled('values', counted(found%n_values, 'value', 'values')//' in '// &
                       counted(found%n_records, 'record', 'records')//', '// &
                       counted(found%n_gaps, 'gap', 'gaps')) &
-             //labelled('mean', mean_text(found)//' +- '//brief(found%mean_error)) &
+             //labelled('mean', with_error(found%mean, found%mean_error)) &
              //labelled('std', with_error(found%std, found%std_error)) &
              //labelled('L0', with_range(found%l0, found%l0_error, found%l0_range)) &
              //labelled('L1', with_range(found%l1, found%l1_error, found%l1_range)) &
@@ -132,25 +133,6 @@ contains
              shell_word(data)//' --out figures'
    end function plot_commands
 
-   !> Mean rounded to two digits of its error, at least to three significant digits.
-   pure function mean_text(found) result(text)
-      type(process_estimate_type), intent(in) :: found
-      character(:), allocatable :: text
-
-      associate (mean => found%mean, error => found%mean_error)
-         text = rounded_text(mean, max(3, 2 + floor(log10(max(abs(mean), error))) &
-                                       - floor(log10(error))))
-      end associate
-   end function mean_text
-
-   !> 'value +- error'
-   pure function with_error(value, error) result(text)
-      real(wp), intent(in) :: value, error
-      character(:), allocatable :: text
-
-      text = brief(value)//' +- '//brief(error)
-   end function with_error
-
    !> Length with its error, and the range of 95 % of the realizations.
    pure function with_range(value, error, range) result(text)
       real(wp), intent(in) :: value, error, range(2)
@@ -180,7 +162,8 @@ contains
 
       associate (request => found%request)
          text = '! estimated from '//counted(found%n_values, 'value', 'values')//' of '//path// &
-                line_feed//'&process'//line_feed//'  mean = '//mean_text(found)//'  std = '// &
+                line_feed//'&process'//line_feed//'  mean = '// &
+                rounded_by_error(found%mean, found%mean_error)//'  std = '// &
                 brief(request%std)//line_feed//'  correlation_length = '// &
                 brief(request%correlation_length)//'  order = '//to_text(request%order)// &
                 line_feed//'  positive = '//to_text(request%positive)//line_feed//'/'//line_feed

@@ -11,7 +11,7 @@ module driver_judge_results
    use core_text, only: brief, counted, line_feed, numbers_text, to_text
    use driver_output, only: output_type
    use driver_regression, only: find_estimates
-   use driver_statistics, only: case_task, open_case
+   use driver_statistics, only: find_statistics
    use io_earlier_results, only: case_errors, read_errors
    use io_shards, only: stored_samples
    use process_model, only: process_model_type
@@ -220,18 +220,11 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(stored_samples) :: stored
       type(case_statistics) :: statistics(size(plan%cases))
-      type(case_task) :: task
-      integer :: i
 
       call output%list_stored(plan, stored, error)
       if (output%world%any_true(allocated(error))) return
-      do i = 1, size(plan%cases)
-         if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
-         call open_case(output%world, plan, i, task)
-         call task%compute_items(stored, error)
-         call task%close(output%world, plan, stored, statistics(i), error)
-         if (output%world%any_true(allocated(error))) return
-      end do
+      call find_statistics(output%world, plan, stored, statistics, error)
+      if (output%world%any_true(allocated(error))) return
       call find_estimates(output%world, plan, models, stored, [real(wp) ::], statistics, &
                           estimates, error)
    end subroutine estimate_slip

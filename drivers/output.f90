@@ -1,7 +1,7 @@
 !> The output of a run: its lock, the finished samples that an earlier run left, and its end.
 module driver_output
    use campaign_plan, only: add_audits, plan_type
-   use campaign_pooling, only: estimators_of
+   use campaign_pooling, only: estimators_of, find_pools
    use campaign_results, only: block_result
    use campaign_runner, only: block_width
    use campaign_samples_needed, only: needs_more_samples, slip_error_of
@@ -232,7 +232,7 @@ contains
       if (allocated(error)) return
       stored = plan
       stored%cases%n_samples = output%n_stored(:size(plan%cases))
-      wanted = estimators_of(stored)
+      wanted = estimators_of(find_pools(stored), size(wanted))
       do i = 1, size(errors)
          if (plan%accuracy%sample_until_met .and. &
              needs_more_samples(slip_error_of(errors(i)%statistics, 0, .false.), &

@@ -36,14 +36,14 @@ contains
    !> fit. Ranks fit different processes; a long search over signs is divided among all ranks. With
    !> an output, loads the processes that it holds and stores each new one at once. After a request
    !> to stop or an error the remaining processes stay unsolved, without a reason. Collective.
-   subroutine solve_processes(world, plan, is_quiet, models, output, error, only)
+   subroutine solve_processes(world, plan, is_quiet, models, output, error, wanted)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       logical, intent(in) :: is_quiet
       type(process_model_type), allocatable, intent(out) :: models(:)
       type(output_type), intent(in), optional :: output
       type(error_type), allocatable, intent(out), optional :: error   !! with an output
-      integer, intent(in), optional :: only   !! the only process to be solved; 0: none
+      logical, intent(in), optional :: wanted(:)   !! (process); absent: all are
       type(process_request) :: requests(size(plan%processes))   ! scaled to mean 1, or to std 1
       type(process_model_type) :: fit
       type(work_counter) :: counter
@@ -66,7 +66,7 @@ contains
       owner = -1
       if (present(output)) call load_processes(output, models, owner, failure)
       is_missing = owner < 0
-      if (present(only)) is_missing = is_missing .and. [(i == only, i=1, size(models))]
+      if (present(wanted)) is_missing = is_missing .and. wanted
       ! the longest fits first: those of high order, then those near the limit of std/mean
       fits = sort_order(-(requests%order + requests%std))
       fits = pack(fits, [(any(is_missing .and. first == fits(i)), i=1, size(fits))])

@@ -40,8 +40,10 @@ module driver_regression
 
 contains
 
-   !> Computes the best estimates of every case: by regression, else the plain ones. Collective.
-   subroutine find_estimates(world, plan, models, stored, frequency, statistics, estimates, error)
+   !> Computes the best estimates of every case: by regression, else the plain ones. With given
+   !> pools estimates the laws of their cases without samples alone. Collective.
+   subroutine find_estimates(world, plan, models, stored, frequency, statistics, estimates, error, &
+                             pools)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)
@@ -50,16 +52,21 @@ contains
       type(case_statistics), intent(in), target :: statistics(:)   !! (case) plain estimates
       type(case_estimates), intent(out), target :: estimates(:)    !! (case)
       type(error_type), allocatable, intent(out) :: error
+      type(case_pool), intent(in), optional :: pools(:)            !! absent: those of the plan
       type(regression_state) :: state
       type(work_counter) :: counter
       integer :: c, n_tasks, p, task
 
-      estimates%estimator = estimators_of(plan)
+      if (present(pools)) then
+         state%pools = pools
+      else
+         state%pools = find_pools(plan)
+      end if
+      estimates%estimator = estimators_of(state%pools, size(estimates))
       do c = 1, size(estimates)
          estimates(c)%best = statistics(c)
          estimates(c)%reason = reason_for_plain(plan, c)
       end do
-      state%pools = find_pools(plan)
       if (size(state%pools) == 0) return
       state%plain => statistics
       state%estimates => estimates
@@ -147,12 +154,14 @@ contains
          if (allocated(state%numbers)) deallocate (state%numbers)
          allocate (friction(first(size(first)) - 1, size(state%points)))
          do i = 1, size(members%cases)
+            if (members%n_fitted(i) == 0) cycle
             call stored%read(members%cases(i), 1, members%n_fitted(i), samples, error)
             if (allocated(error)) return
             friction(first(i):first(i + 1) - 1, :) = &
                transpose(samples%friction(state%joint_of_point, :))
             values = numbers_of(samples)
-            if (i == 1) allocate (state%numbers(size(friction, 1), size(values, 1)))
+            if (.not. allocated(state%numbers)) &
+               allocate (state%numbers(size(friction, 1), size(values, 1)))
             state%numbers(first(i):first(i + 1) - 1, :) = transpose(values)
          end do
          state%current = number
@@ -165,6 +174,7 @@ contains
          end if
          call new_pool(friction, first, n_samples, state%pool)
          do i = 1, size(members%cases)
+            if (members%n_fitted(i) > 0 .and. any(members%n_fitted == 0)) cycle
             call attend_to_others()
             call draw_law(plan%seed, models(wanted(1, i)), state%points, draws, n_independent)
             call state%pool%add_law(i, draws, n_independent)
@@ -227,10 +237,11 @@ contains
          allocate (density(size(pool%x, 1), n), spectra(n, size(plain, 2), size(cases)), &
                    integrals(size(plain, 2) + 1, size(cases)))
          do i = 1, size(cases)
+            if (n_fitted(i) == 0) cycle
             allocate (case_density(1, n, n_fitted(i)))
             call stored%read_part(cases(i), 'psd', [dof, 1, 1], case_density, error)
             if (allocated(error)) return
-            density(pool%first(i):pool%first(i + 1) - 1, :) = transpose(case_density(1, :, :))
+            density(pool%first(i):pool%last(i), :) = transpose(case_density(1, :, :))
             deallocate (case_density)
          end do
          call estimate_spectrum(pool, density, state%step, state%share_below, plain, &

@@ -35,6 +35,7 @@ contains
       type(process_model_type), allocatable :: models(:)
       character(:), allocatable :: choice
       type(error_type), allocatable :: error, ignored
+      integer :: p
 
       call start_watch()
       call start_world(world)
@@ -52,7 +53,8 @@ contains
       call prepare_march(world, plan, scene%force, runner, error)
       call output%stop_on(error)
       call solve_processes(world, plan, output%is_quiet, models, &
-                           only=plan%cases(line%case_number)%process)
+                           wanted=[(p == plan%cases(line%case_number)%process, &
+                                    p=1, size(plan%processes))])
       call refuse_unsolved(plan, models, error)
       call output%stop_on(error)
       call end_if_requested(output)

@@ -17,7 +17,7 @@ module driver_statistics
    use parallel_world, only: attend_to_others, world_type
    implicit none(type, external)
    private
-   public :: case_task, open_case
+   public :: case_task, find_statistics, open_case
 
    integer, parameter :: most_slices = 32       !! largest number of slices of the frequencies
    integer, parameter :: samples_at_once = 64   !! samples whose slip series are read at once
@@ -40,6 +40,26 @@ module driver_statistics
    end type case_task
 
 contains
+
+   !> Computes the statistics of all cases with a process, but of no audits. Collective.
+   subroutine find_statistics(world, plan, stored, statistics, error, layout)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
+      type(stored_samples), intent(in) :: stored
+      type(case_statistics), intent(out) :: statistics(:)   !! (case)
+      type(error_type), allocatable, intent(out) :: error
+      type(spectrum_layout), intent(in), optional :: layout   !! as in open_case
+      type(case_task) :: task
+      integer :: i
+
+      do i = 1, size(statistics)
+         if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
+         call open_case(world, plan, i, task, layout)
+         call task%compute_items(stored, error)
+         call task%close(world, plan, stored, statistics(i), error)
+         if (world%any_true(allocated(error))) return
+      end do
+   end subroutine find_statistics
 
    !> Prepares the statistics of a case and divides them into items. Collective.
    subroutine open_case(world, plan, number, task, layout)

@@ -2,7 +2,8 @@
 !> error, numbers of samples and steps, spectra, orders of processes and lengths of their fits.
 module driver_tradeoff_text
    use core_kinds, only: wp
-   use core_text, only: brief, counted, duration, labelled, line_feed, numbered, padded, to_text
+   use core_text, only: brief, counted, duration, labelled, line_feed, numbered, padded, to_text, &
+                        with_error
    use io_tradeoff_results, only: tradeoff_findings
    use numerics_sorting, only: sort_order
    use process_model, only: process_model_type
@@ -277,14 +278,6 @@ contains
                 line_feed
       end associate
    end function heading
-
-   !> A number with its standard error.
-   pure function with_error(value, standard_error) result(text)
-      real(wp), intent(in) :: value, standard_error
-      character(:), allocatable :: text
-
-      text = brief(value)//'+-'//brief(standard_error)
-   end function with_error
 
    !> Table of entropy, the other correlation length and time of the fit by the order of processes.
    pure function orders_text(found) result(text)

@@ -5,11 +5,11 @@ _entroslip_values() {
 }
 
 _entroslip() {
-  local word=$2 previous=$3 commands='run check tradeoff replay estimate template' command='' i
+  local word=$2 previous=$3 commands='run check tradeoff replay estimate whatif template' command='' i
   COMPREPLY=()
   for ((i = 1; i < COMP_CWORD; i++)); do
     case ${COMP_WORDS[i]} in
-      run | check | tradeoff | replay | estimate | template) command=${COMP_WORDS[i]} ;;
+      run | check | tradeoff | replay | estimate | whatif | template) command=${COMP_WORDS[i]} ;;
     esac
   done
   case $previous in
@@ -30,6 +30,7 @@ _entroslip() {
       check) options='--set --quiet --help' ;;
       replay) options='--output --set --quiet --case --sample --help' ;;
       estimate) options='--output --quiet --help' ;;
+      whatif) options='--set --quiet --help' ;;
       template) options='--reference --help' ;;
     esac
     mapfile -t COMPREPLY < <(compgen -W "$options" -- "$word")
@@ -38,6 +39,9 @@ _entroslip() {
   elif [[ $command == estimate ]]; then
     compopt -o filenames
     mapfile -t COMPREPLY < <(compgen -f -- "$word")
+  elif [[ $command == whatif ]]; then
+    compopt -o filenames
+    mapfile -t COMPREPLY < <(compgen -f -X '!*.h5' -- "$word"; compgen -d -- "$word")
   elif [[ $command != template ]]; then
     compopt -o filenames
     mapfile -t COMPREPLY < <(compgen -f -X '!*.nml' -- "$word"; compgen -d -- "$word")

@@ -12,7 +12,7 @@ module campaign_pooling
    implicit none(type, external)
    private
    public :: case_pool, draw_law, estimators_of, find_input_points, find_pools, fitted_samples, &
-             plan_draws, reason_for_plain, sharing_cases
+             plan_draws, pools_of_new_laws, reason_for_plain, sharing_cases
 
    integer, parameter, public :: fewest_samples = 25   !! samples of a case with a regression
    integer, parameter :: most_inputs = 64              !! friction values of a sample
@@ -97,15 +97,41 @@ contains
       fitted_samples = min(max(n, min(n_cases*n, real(most_pooled, wp))), real(most_samples, wp))
    end function fitted_samples
 
-   !> Estimator of each case: 'pooled', 'regression' or 'plain'.
-   pure function estimators_of(plan) result(name)
+   !> Pools for cases without samples, whose laws are new: for each force these cases and those
+   !> whose samples serve them, of which a pool takes no more than it may have. If cases are not
+   !> pooled, the one of the largest std serves.
+   pure function pools_of_new_laws(plan) result(pools)
       type(plan_type), intent(in) :: plan
-      character(12) :: name(size(plan%cases))
       type(case_pool), allocatable :: pools(:)
+      integer, allocatable :: laws(:), sources(:)
+      logical, dimension(size(plan%cases)) :: has_law, is_new, shares
+      integer :: c, i
+
+      is_new = plan%cases%n_samples == 0
+      has_law = [(len(reason_for_plain(plan, c)) == 0, c=1, size(has_law))]
+      allocate (pools(0))
+      do c = 1, size(plan%cases)
+         shares = have_same_force(plan%cases, plan%cases(c))
+         if (.not. is_new(c) .or. any(shares(:c - 1) .and. is_new(:c - 1))) cycle
+         laws = pack([(i, i=1, size(shares))], shares .and. is_new)
+         sources = pack([(i, i=1, size(shares))], shares .and. has_law .and. .not. is_new)
+         if (size(sources) == 0) cycle
+         if (plan%excitation%per_sample .or. plan%estimator /= 'pooled') sources = &
+            [sources(maxloc(plan%processes(plan%cases(sources)%process)%std, 1))]
+         pools = [pools, case_pool([sources, laws], &
+                                   [min(plan%cases(sources)%n_samples, &
+                                        most_pooled/size(sources)), 0*laws])]
+      end do
+   end function pools_of_new_laws
+
+   !> Estimator of each case: 'pooled', 'regression' or 'plain'.
+   pure function estimators_of(pools, n_cases) result(name)
+      type(case_pool), intent(in) :: pools(:)
+      integer, intent(in) :: n_cases
+      character(12) :: name(n_cases)
       integer :: p
 
       name = 'plain'
-      pools = find_pools(plan)
       do p = 1, size(pools)
          name(pools(p)%cases) = merge('pooled      ', 'regression  ', size(pools(p)%cases) > 1)
       end do

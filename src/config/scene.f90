@@ -33,12 +33,14 @@ contains
       end if
    end subroutine read_scene
 
-   !> Parses and checks the text of a scene.
-   subroutine parse_scene(source, overrides, scene, complaints)
+   !> Parses and checks the text of a scene; on request its processes alone, without the files of a
+   !> structure or force.
+   subroutine parse_scene(source, overrides, scene, complaints, processes_alone)
       type(source_type), intent(in) :: source    !! its name is the path of the scene
       character(*), intent(in) :: overrides(:)
       type(scene_type), intent(out) :: scene
       type(complaint_list), intent(out) :: complaints
+      logical, intent(in), optional :: processes_alone
       type(reader_type) :: reader
 
       scene%path = source%name
@@ -46,6 +48,10 @@ contains
       call reader%parse(source, overrides)
       call check_groups(reader, scene%has_unknown_group)
       call read_groups(reader, scene)
+      if (present(processes_alone)) then
+         scene%has_structure = scene%has_structure .and. .not. processes_alone
+         scene%has_chain = scene%has_chain .and. .not. processes_alone
+      end if
       call check_rules(scene, reader)
       complaints = reader%complaints
    end subroutine parse_scene

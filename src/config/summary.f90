@@ -324,7 +324,8 @@ contains
          parts = [character(64) :: parts, counted(count(sizes == sizes(p)), 'regression', &
                                                   'regressions')//' over '//trim(sizes(p))]
       end do
-      n_plain = count(estimators_of(plan) == 'plain' .and. plan%cases%n_samples > 1)
+      n_plain = count(estimators_of(pools, size(plan%cases)) == 'plain' &
+                      .and. plan%cases%n_samples > 1)
       if (n_plain > 0) parts = [character(64) :: parts, 'plain sampling of '// &
                                 counted(n_plain, 'case', 'cases')]
       text = labelled('estimates', joined(parts))

@@ -6,7 +6,7 @@ module core_text
    private
    public :: lowered, nearest_name, parse_integer, parse_real, rounded_text, to_text
    public :: brief, counted, duration, joined, labelled, numbered, numbers_text, padded, &
-             shell_word, size_text, suggestion
+             rounded_by_error, shell_word, size_text, suggestion, with_error
 
    !> Text of a value in the fewest digits, without blanks: 7, -2.0, 1.5E-9, .true.
    interface to_text
@@ -364,6 +364,27 @@ contains
       if (index(text//' ', '.0 ') > 0) text = text(:e - 3)
       text = text//exponent
    end function brief
+
+   !> Text of a value in as many digits as its standard error leaves: two of the error, three of the
+   !> value at least, nine at most.
+   pure function rounded_by_error(value, error) result(text)
+      real(wp), intent(in) :: value, error
+      character(:), allocatable :: text
+      integer :: digits
+
+      digits = 3
+      if (error > 0.0_wp) &
+         digits = 2 + floor(log10(max(abs(value), error))) - floor(log10(error))
+      text = lowered(rounded_text(value, max(3, min(digits, 9))))
+   end function rounded_by_error
+
+   !> Text 'value +- standard error', the error in two digits.
+   pure function with_error(value, error) result(text)
+      real(wp), intent(in) :: value, error
+      character(:), allocatable :: text
+
+      text = rounded_by_error(value, error)//' +- '//lowered(rounded_text(error, 2))
+   end function with_error
 
    !> Text of a duration in seconds, minutes, hours or days.
    pure function duration(seconds) result(text)

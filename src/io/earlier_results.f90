@@ -2,8 +2,9 @@
 !> to which a larger campaign adds others, and the stated errors of its cases, which are compared
 !> with the scene's targets.
 module io_earlier_results
+   use campaign_plan, only: case_type, plan_type
    use campaign_results, only: case_statistics
-   use core_error, only: error_type
+   use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: wp
    use core_source, only: is_hdf5_file
    use io_contents, only: check_contents
@@ -15,7 +16,7 @@ module io_earlier_results
    implicit none(type, external)
    private
    public :: count_stored_samples, refuse_replacement, stored_in_results
-   public :: case_errors, read_errors
+   public :: case_errors, read_campaign, read_errors
 
    !> End of an error of a damaged file.
    character(*), parameter :: advice = ': put a sound copy in its place, or remove it to have '// &
@@ -65,6 +66,80 @@ contains
          call refuse_foreign(path, error)
       end if
    end subroutine open_results
+
+   !> Reads from the results of a run what estimates of other laws need: the text of its scene, its
+   !> --set options, one a line, and its cases, joints and spectra. Checks the whole file.
+   subroutine read_campaign(path, scene, overrides, plan, frequency, error)
+      character(*), intent(in) :: path
+      character(:), allocatable, intent(out) :: scene, overrides
+      type(plan_type), intent(out) :: plan   !! with cases, joints, dofs and percentiles alone
+      real(wp), allocatable, intent(out) :: frequency(:)   !! [Hz]; empty without spectra of samples
+      type(error_type), allocatable, intent(out) :: error
+      type(hdf5_file) :: file
+      type(hdf5_group) :: group
+
+      if (.not. exists(path)) then
+         call raise(error, exit_bad_input, path//': no such file')
+         return
+      end if
+      call open_results(path, file, error)
+      if (.not. allocated(error)) call require_command(file, 'run', advice, error)
+      if (.not. allocated(error)) call check_contents(file, error)
+      if (.not. allocated(error)) then
+         group = hdf5_group(file=file, path='/')
+         call group%read('scene', scene)
+         call group%read('overrides', overrides)
+         allocate (frequency(0), plan%cases(0))
+         if (file%has('/structure')) call read_plan(group, plan, frequency)
+         call group%take_error(error)
+      end if
+      call file%abandon()
+      if (allocated(error)) error%message = path//': cannot be read as results of entroslip run'
+   end subroutine read_campaign
+
+   !> Reads cases, joints, dofs and percentiles, and the frequencies of the spectra.
+   subroutine read_plan(group, plan, frequency)
+      type(hdf5_group), intent(inout) :: group   !! of an open file; its path is changed
+      type(plan_type), intent(inout) :: plan
+      real(wp), allocatable, intent(inout) :: frequency(:)
+      type(case_type) :: case
+      character(:), allocatable :: process
+      character(9), parameter :: strengths(*) = [character(9) :: 'amplitude', 'factor', 'variance']
+      real(wp), allocatable :: points(:), dofs(:), kept(:)
+      integer :: i
+
+      group%path = '/structure'
+      call group%get('friction_point', points)
+      call group%get('frequencies_stuck', dofs)
+      if (allocated(group%error)) return
+      plan%structure%friction_point = nint(points)
+      plan%structure%n_points = maxval(plan%structure%friction_point)
+      plan%structure%n_joints = size(points)
+      plan%structure%n_dof = size(dofs)
+      do
+         group%path = case_group(size(plan%cases) + 1, huge(1))
+         if (.not. group%file%has(group%path)) exit
+         call group%read('n_samples', case%n_samples)
+         call group%read('process', process)
+         if (allocated(group%error)) return
+         case%process = 0
+         if (process /= 'none') read (process(2:), *) case%process
+         do i = 1, size(strengths)
+            if (group%has_attribute(trim(strengths(i)))) exit
+         end do
+         call group%read(trim(strengths(min(i, size(strengths)))), case%strength)
+         if (group%has_attribute('frequency')) call group%read('frequency', case%frequency)
+         plan%cases = [plan%cases, case]
+      end do
+      group%path = case_group(1, 1)
+      call group%get('percentile', plan%output%percentiles)
+      call group%get('kept_dof', kept)
+      if (allocated(kept)) plan%output%dofs = nint(kept)
+      plan%output%spectrum = group%has('psd')
+      if (.not. plan%output%spectrum) return
+      deallocate (frequency)
+      call group%get('frequency', frequency)
+   end subroutine read_plan
 
    !> Finds the numbers of samples of the cases, then of their audits, in a results file. Reads the
    !> whole file; refuses one of another scene or program, and a damaged one.

@@ -3,6 +3,7 @@
 module statistics_blend
    use core_kinds, only: wp
    use statistics_estimates, only: estimates_type, stated_error
+   use statistics_influences, only: case_law_type
    implicit none(type, external)
    private
    public :: blend, combine, state_error
@@ -10,8 +11,10 @@ module statistics_blend
 contains
 
    !> Blends the estimates of a regression with those of plain sampling and states their errors.
-   pure subroutine combine(n_samples, point_error, fitted, plain, least_share, blended)
-      integer, intent(in) :: n_samples               !! samples of the case
+   !> A law without samples has the estimates of the regression alone, or the value that all samples
+   !> of the pool have.
+   pure subroutine combine(law, point_error, fitted, plain, least_share, blended)
+      type(case_law_type), intent(in) :: law
       real(wp), intent(in) :: point_error(:)         !! (output) error of `fitted` by the points
       type(estimates_type), intent(in) :: fitted     !! estimates of the regression
       type(estimates_type), intent(inout) :: plain   !! returned with influences times tail factors
@@ -19,14 +22,22 @@ contains
       type(estimates_type), intent(out) :: blended
       integer :: o
 
-      call blend(fitted, plain, least_share, blended)
+      if (law%has_samples) then
+         call blend(fitted, plain, least_share, blended)
+      else
+         blended = fitted
+         blended%share = merge(0.0_wp, 1.0_wp, any(abs(plain%influence) > 0.0_wp, 1))
+         where (blended%share > 0.0_wp) blended%value = plain%value
+         if (allocated(plain%stretch)) &
+            allocate (blended%stretch(2, size(least_share)), source=1.0_wp)
+      end if
       allocate (blended%error(size(least_share)), blended%ratio(size(least_share)))
       do o = 1, size(least_share)
          if (allocated(blended%tail_factor)) then
             blended%influence(:, o) = blended%tail_factor(1, o)*blended%influence(:, o)
             plain%influence(:, o) = blended%tail_factor(2, o)*plain%influence(:, o)
          end if
-         call state_error(point_error(o), n_samples, blended%influence(:, o), blended%bias(o), &
+         call state_error(point_error(o), law%n_samples, blended%influence(:, o), blended%bias(o), &
                           plain%influence(:, o), 1.0_wp - blended%share(o), blended%error(o), &
                           blended%ratio(o))
       end do

@@ -21,7 +21,8 @@ module statistics_estimates
       real(wp) :: value = 0.0_wp
       real(wp) :: error = 0.0_wp                   !! standard error
       real(wp) :: low = 0.0_wp, high = 0.0_wp      !! ends of the interval
-      real(wp) :: ratio = 1.0_wp                   !! plain sampling's error over this one
+      !> plain sampling's error over this one; of a law without samples its extrapolation
+      real(wp) :: ratio = 1.0_wp
    end type statistic_type
    integer, parameter :: numbers_of_statistic = storage_size(statistic_type())/storage_size(1.0_wp)
 

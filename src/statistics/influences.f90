@@ -7,11 +7,12 @@ module statistics_influences
    use statistics_estimates, only: estimates_type
    use statistics_law, only: choose_points, law_type, n_points
    use statistics_pool, only: pool_type
-   use statistics_surrogate, only: fit_type, find_kernel_rows, predict_variance, surrogate_type
+   use statistics_surrogate, only: fit_type, find_kernel_rows, predict_variance, &
+                                   surrogate_type, variance_at_samples
    implicit none(type, external)
    private
-   public :: case_law_type, density_tail_ratio, find_influences, find_weights, kappa_of, &
-             prepare_law, prepare_thin_points, scale_by_pairs, tail_factors, tail_ratio
+   public :: case_law_type, density_tail_ratio, extrapolation_of, find_influences, find_weights, &
+             kappa_of, prepare_law, prepare_thin_points, scale_by_pairs, tail_factors, tail_ratio
 
    !> for means of exponentials the variance of G is computed at every 4th point
    integer, parameter, public :: thinning = 4
@@ -23,6 +24,7 @@ module statistics_influences
       real(wp), allocatable :: rows(:, :)       !! (landmark, point) kernel
       integer :: first = 0, last = 0            !! samples of the case in the pool
       integer :: n_samples = 0                  !! samples of the case, in the pool and beyond
+      logical :: has_samples = .true.           !! false: the samples are those of other laws
       real(wp), allocatable :: thin_rows(:, :)       !! (landmark, every 4th point) kernel
       real(wp), allocatable :: thin_variance(:, :)   !! (every 4th point, noise ratio) v/tau^2
    end type case_law_type
@@ -38,8 +40,9 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       law%first = pool%first(case_number)
-      law%last = pool%first(case_number + 1) - 1
+      law%last = pool%last(case_number)
       law%n_samples = pool%n_samples(case_number)
+      law%has_samples = pool%has_samples(case_number)
       call choose_points(pool%draws(case_number), surrogate%direction, n_points, law%law_type, &
                          error)
       if (.not. allocated(error)) call find_kernel_rows(surrogate, law%x, law%rows)
@@ -53,6 +56,20 @@ contains
       law%thin_rows = law%rows(:, ::thinning)
       call predict_variance(surrogate, law%x(::thinning, :), law%thin_rows, law%thin_variance)
    end subroutine prepare_thin_points
+
+   !> Mean variance of G over a law relative to that at the samples, for each output of a fit.
+   pure function extrapolation_of(law, surrogate, fit) result(ratio)
+      type(case_law_type), intent(in) :: law   !! with every 4th point
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      real(wp) :: ratio(size(fit%mean))
+      integer :: o
+
+      associate (weight => law%weight(::thinning)/sum(law%weight(::thinning)))
+         ratio = [(dot_product(weight, law%thin_variance(:, fit%noise_ratio(o))), &
+                   o=1, size(ratio))]/variance_at_samples(surrogate, fit)
+      end associate
+   end function extrapolation_of
 
    !> E of formula (8): variance of a function of G over the law relative to that over the samples,
    !> within 1..4. The samples are those of the case for plain sampling; for the fit those of the

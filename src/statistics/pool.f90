@@ -14,7 +14,9 @@ module statistics_pool
    !> Inputs of all samples, and the laws of the cases.
    type :: pool_type
       real(wp), allocatable :: x(:, :)         !! (sample, input) standardised
-      integer, allocatable :: first(:)         !! (case + 1) its first sample; at the end n + 1
+      !> (case) its first and last sample; those of the pool if it has none
+      integer, allocatable :: first(:), last(:)
+      logical, allocatable :: has_samples(:)   !! (case)
       integer, allocatable :: n_samples(:)     !! (case) its samples in the pool and beyond
       type(draws_type), allocatable :: draws(:)   !! (case) draws of its law
       logical, private :: uses_roots = .false.    !! inputs are roots of friction values
@@ -29,15 +31,17 @@ contains
    !> the standardised values if any is negative.
    subroutine new_pool(friction, first, n_samples, pool)
       real(wp), intent(in) :: friction(:, :)    !! (sample, point)
-      integer, intent(in) :: first(:)           !! (case + 1) as in pool_type
-      integer, intent(in) :: n_samples(:)       !! (case) as in pool_type
+      integer, intent(in) :: first(:)           !! (case + 1) its first sample; at the end n + 1
+      integer, intent(in) :: n_samples(:)       !! (case) its samples, in the pool and beyond
       type(pool_type), intent(out) :: pool
       integer :: n
 
-      pool%first = first
-      pool%n_samples = n_samples
-      pool%uses_roots = minval(friction) >= 0.0_wp
       n = size(friction, 1)
+      pool%has_samples = first(2:) > first(:size(n_samples))
+      pool%first = merge(first(:size(n_samples)), 1, pool%has_samples)
+      pool%last = merge(first(2:) - 1, n, pool%has_samples)
+      pool%n_samples = merge(n_samples, n, pool%has_samples)
+      pool%uses_roots = minval(friction) >= 0.0_wp
       allocate (pool%draws(size(n_samples)), pool%centre(size(friction, 2)), &
                 pool%scatter(size(friction, 2)))
       allocate (pool%x, source=friction)
@@ -85,7 +89,7 @@ contains
       integer :: n, n_more
 
       n = size(pool%x, 1)
-      associate (first => pool%first(number), last => pool%first(number + 1) - 1)
+      associate (first => pool%first(number), last => pool%last(number))
          share = real(last - first + 1, wp)/pool%n_samples(number)
          n_more = merge(last - first + 1, 0, share < 1.0_wp)
          allocate (estimates%influence(n + n_more, size(value)), source=0.0_wp)

@@ -7,7 +7,8 @@ module statistics_scalars
    use statistics_estimates, only: estimates_type, inverse_density, nonnegative_statistic, &
                                    plain_deviation, plain_mean, plain_percentile, statistic_type, &
                                    normal_95, sort_percentiles, upward_error
-   use statistics_influences, only: case_law_type, prepare_law, tail_ratio
+   use statistics_influences, only: case_law_type, extrapolation_of, prepare_law, &
+                                    prepare_thin_points, tail_ratio
    use statistics_kernel_choice, only: choose_kernel
    use statistics_law, only: error_of_points
    use statistics_pool, only: over_all_samples, pool_type, least_plain_share
@@ -52,11 +53,20 @@ contains
       call fit_outputs(surrogate, y, fit)
       call fit_outputs(surrogate, transformed, transformed_fit)
       do case_number = 1, size(plain, 3)
+         if (.not. allocated(pool%draws(case_number)%x)) cycle
          call prepare_law(pool, case_number, surrogate, law, error)
          if (allocated(error)) return
-         call estimate_moments(estimates(:, :, case_number))
-         if (allocated(error)) return
-         call estimate_percentiles(estimates(:, :, case_number))
+         associate (best => estimates(:, :, case_number), last => size(estimates, 2))
+            call estimate_moments(best)
+            if (allocated(error)) return
+            call estimate_percentiles(best)
+            if (law%has_samples) cycle
+            call prepare_thin_points(surrogate, law)
+            best(:, 1)%ratio = extrapolation_of(law, surrogate, fit)
+            best(:, last)%ratio = best(:, 1)%ratio
+            best(:, 2:last - 1)%ratio = &
+               spread(extrapolation_of(law, surrogate, transformed_fit), 2, last - 2)
+         end associate
       end do
 
    contains
@@ -77,11 +87,14 @@ contains
             sampled = over_all_samples(pool, case_number, plain_mean(own), &
                                        plain(:, 1, case_number)%value)
             call error_of_points(law, values, point_error)
-            call combine(law%n_samples, point_error, fitted, sampled, &
+            call combine(law, point_error, fitted, sampled, &
                          [(0.0_wp, i=1, n_numbers)], blended)
             best(:, 1) = nonnegative_statistic(blended%value, blended%error, blended%ratio)
-            where (is_fraction) best(:, 1)%error = &
-               min(best(:, 1)%error, error_limit(best(:, 1)%value, sampled%value, law%n_samples))
+            if (law%has_samples) then
+               where (is_fraction) best(:, 1)%error = &
+                  min(best(:, 1)%error, &
+                      error_limit(best(:, 1)%value, sampled%value, law%n_samples))
+            end if
             call law_deviation(surrogate, fit, law, values, fitted)
             sampled = over_all_samples(pool, case_number, plain_deviation(own), &
                                        plain(:, last, case_number)%value)
@@ -93,7 +106,7 @@ contains
                               /(2.0_wp*fitted%value(i))
             end do
             call error_of_points(law, values, point_error)
-            call combine(law%n_samples, point_error, fitted, sampled, &
+            call combine(law, point_error, fitted, sampled, &
                          least_plain_share(residual, own), blended)
             best(:, last) = nonnegative_statistic(blended%value, blended%error, blended%ratio)
             m = max(0.0_wp, min(best(:, 1)%value + normal_95*best(:, 1)%error, 0.5_wp))
@@ -134,7 +147,7 @@ contains
                                                 0.0_wp, values(:, i) <= fitted%value(i))
                end do
                call error_of_points(law, point_influence, point_error)
-               call combine(law%n_samples, point_error, fitted, sampled, least_share, blended)
+               call combine(law, point_error, fitted, sampled, least_share, blended)
                do i = 1, n_numbers
                   ends = blended%error(i)*blended%stretch(:, i)
                   if (share_below(p) > 0.5_wp) ends(2) = upward_error(blended%value(i), ends(2))

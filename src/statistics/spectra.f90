@@ -11,7 +11,8 @@ module statistics_spectra
    use statistics_estimates, only: downward_error, estimates_type, inverse_density, &
                                    nonnegative_statistic, plain_mean, plain_percentile, &
                                    statistic_type, normal_95, sort_percentiles, upward_error
-   use statistics_influences, only: case_law_type, prepare_law, prepare_thin_points, tail_ratio
+   use statistics_influences, only: case_law_type, extrapolation_of, prepare_law, &
+                                    prepare_thin_points, tail_ratio
    use statistics_kernel_choice, only: choose_kernel
    use statistics_law, only: error_of_points
    use statistics_pool, only: over_all_samples, least_plain_share, pool_type
@@ -68,6 +69,7 @@ contains
          call fit_outputs(surrogate, outputs(:, first_of(k):first_of(k + 1) - 1), fits(k))
       end do
       do case_number = 1, size(plain, 3)
+         if (.not. allocated(pool%draws(case_number)%x)) cycle
          call prepare_law(pool, case_number, surrogate, law, error)
          if (allocated(error)) return
          call prepare_thin_points(surrogate, law)
@@ -118,6 +120,9 @@ contains
             do f = first, last
                call sort_percentiles(spectrum(f, 2:size(sums)))
             end do
+            if (.not. law%has_samples) &
+               spectrum(first:last, :)%ratio = &
+                  spread(extrapolation_of(law, surrogate, fits(k)), 2, size(sums))
             do s = 2, size(sums)
                sums(s)%value = sums(s)%value + step*sum(spectrum(first:last, s)%value)
             end do
@@ -138,6 +143,9 @@ contains
                                                upward_error(sums(s)%value, sides(2)))
          end do
          call find_ratio(point_error(n + 1), sums(2), sums(n), integral(n + 1))
+         if (law%has_samples) return
+         integral(:n)%ratio = sum(spectrum%value*spectrum%ratio, 1)/sum(spectrum%value, 1)
+         integral(n + 1)%ratio = max(integral(2)%ratio, integral(n)%ratio)
       end subroutine estimate_case
 
       !> Estimates the mean spectrum of the current case in group k.
@@ -163,7 +171,7 @@ contains
             call law_mean_of_exponential(surrogate, fits(k), law, averaged(:, :n), own, fitted)
          end associate
          call error_of_points(law, averaged(:, :n), point_error)
-         call combine(law%n_samples, point_error, fitted, sampled, [(0.0_wp, o=1, n)], blended)
+         call combine(law, point_error, fitted, sampled, [(0.0_wp, o=1, n)], blended)
          do o = 1, n
             point_influence = point_influence + (step*(1.0_wp - blended%share(o)))*averaged(:, o)
          end do
@@ -200,7 +208,7 @@ contains
                                       0.0_wp, values(:, o) <= fitted%value(o))
             end do
             call error_of_points(law, averaged(:, :n), point_error)
-            call combine(law%n_samples, point_error, fitted, sampled, &
+            call combine(law, point_error, fitted, sampled, &
                          least_plain_share(residual, own), blended)
          end associate
          best%value = exp(blended%value)

@@ -11,7 +11,7 @@ module statistics_surrogate
    implicit none(type, external)
    private
    public :: fit_type, surrogate_type, average_features, find_features, fit_outputs, reallocate, &
-             predict, predict_variance, find_kernel_rows, evenly_spaced
+             predict, predict_variance, find_kernel_rows, evenly_spaced, variance_at_samples
 
    integer, parameter, public :: most_landmarks = 160
    !> kappa is computed for 4 outputs of a fit, from the pairs of 64 samples with all
@@ -379,5 +379,16 @@ contains
          variance(:, r) = variance(:, r) + rest/max(noise_ratios(r), surrogate%mean_rest)
       end do
    end subroutine predict_variance
+
+   !> Mean over the samples of the variance of G at each of them from the others, over that of the
+   !> noise, for each output: h/(1 - h), and the rest as in predict_variance.
+   pure function variance_at_samples(surrogate, fit) result(variance)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      real(wp) :: variance(size(fit%mean))
+
+      variance = sum(1.0_wp/fit%one_minus_h - 1.0_wp, 1)/size(fit%one_minus_h, 1) &
+                 + surrogate%mean_rest/max(noise_ratios(fit%noise_ratio), surrogate%mean_rest)
+   end function variance_at_samples
 
 end module statistics_surrogate
