@@ -4,10 +4,10 @@
 !>    bench_regression TRUTH N TIMES RAW CASE...
 !>
 !> TRUTH is a thinned campaign (`thinned` of regression.py). The cases are one pool, which takes the
-!> first samples drawn; of a case named as law:c003 it takes none, but estimates its law. RAW is a
-!> file of the draws, which is filled up to TIMES of them: of each case, joint and output five
-!> numbers (real32): the errors of plain sampling and of the estimate, the estimate's distances to
-!> both ends of its interval, and the standard error that plain sampling states (of a law without
+!> first samples drawn; of a case named as law:c003 it takes none, and estimates such laws alone.
+!> RAW is a file of the draws, which is filled up to TIMES of them: of each case, joint and output
+!> five numbers (real32): the errors of plain sampling and of the estimate, the estimate's distances
+!> to both ends of its interval, and the standard error that plain sampling states (of a law without
 !> samples the estimate's, times the extrapolation). Outputs: mean, standard deviation, 5 and 95 %
 !> of slip, pseudo-variances of the mean, of 5 and of 95 %, band ratio; then mean spectrum, its 5
 !> and 95 % at each frequency below 3 Hz.
@@ -201,7 +201,7 @@ contains
       end do
       call new_pool(friction, first, [(n, c=1, n_cases)], pool)
       do c = 1, n_cases
-         call add_law(c, pool)
+         if (cases(c)%n_fitted == 0 .or. all(cases%n_fitted > 0)) call add_law(c, pool)
       end do
       do j = 1, n_joints
          call estimate_joint(pool, j, chosen)

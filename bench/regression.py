@@ -21,6 +21,7 @@ import math
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -145,9 +146,7 @@ def truth_of(name: str, scene: Scene) -> Path:
     return thin
 
 
-def draws(
-    thin: Path, n: int, times: int, cases: list[int], laws: tuple[int, ...] = ()
-) -> np.ndarray:
+def draws(thin: Path, n: int, times: int, cases: list[int], laws: Sequence[int] = ()) -> np.ndarray:
     """(draw, case or law, joint, output, number), of bench/regression.f90; `times` or more."""
     names = [f"c{case:03}" for case in cases] + [f"law:c{case:03}" for case in laws]
     ending = f".{n}.{'_'.join(names).replace(':', '_')}.raw"
@@ -266,12 +265,15 @@ def report_of_laws(name: str, times: int, sizes: list[int]) -> list[str]:
     scene = SCENES[name]
     thin = truth_of(name, scene)
     lines = []
-    for n in sizes:
+    for n, sources in itertools.product(sizes, ("one case", "all others")):
         found = []
         for pool in scene.pools:
             for case in pool:
-                laws = tuple(other for other in pool if other != case)
-                found.append(draws(thin, n, times, [case], laws)[:, 1:])
+                others = [other for other in pool if other != case]
+                if sources == "one case":
+                    found.append(draws(thin, n, times, [case], others)[:, 1:])
+                else:
+                    found.append(draws(thin, n, times, others, [case])[:, -1:])
         ratios = [
             np.concatenate([extrapolation_of(part[..., number, :]) for part in found])
             for number in range(len(NUMBERS))
@@ -282,7 +284,8 @@ def report_of_laws(name: str, times: int, sizes: list[int]) -> list[str]:
             if any(((ratio >= low) & (ratio < high)).any() for ratio in ratios)
         ]
         n_draws = min(len(part) for part in found)
-        lines += ["", f"**{scene.meaning}; N = {n}, {n_draws} draws:**", ""]
+        title = f"{scene.meaning}; from {n} samples of {sources}, {n_draws} draws"
+        lines += ["", f"**{title}:**", ""]
         head = ["statistic"]
         for low, high in ranges:
             head += [f"{low:g} to {high:g}: joints", "gain", "covers"]

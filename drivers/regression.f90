@@ -168,7 +168,7 @@ contains
          n_samples = plan%cases(members%cases)%n_samples
          if (size(state%drawn) == size(wanted)) then
             if (all(state%drawn == wanted)) then
-               state%pool%n_samples = n_samples
+               where (state%pool%has_samples) state%pool%n_samples = n_samples
                return
             end if
          end if

@@ -247,13 +247,14 @@ contains
    !> Standard error e' of a value that is not negative with value + 1.96 e' = value
    !> exp(1.96 error/value), the upper end of the interval of its logarithm; e'/error is at most
    !> that of error = value. Where the few large samples that carry the value are missing, it and
-   !> its error are both too small.
+   !> its error are both too small. A fit far from its samples may give a negative value, whose
+   !> error stays.
    elemental real(wp) function upward_error(value, error)
       real(wp), intent(in) :: value, error
       real(wp) :: relative
 
       upward_error = error
-      relative = normal_95*min(error, value)/max(value, tiny(value))
+      relative = normal_95*min(error, max(value, 0.0_wp))/max(value, tiny(value))
       if (relative > 0.0_wp) upward_error = error*(exp(relative) - 1.0_wp)/relative
    end function upward_error
 

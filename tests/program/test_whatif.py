@@ -15,7 +15,7 @@ from tests.conftest import ENVIRONMENT
 SCENE = """\
 &process correlation_length = 1.0 order = 2 mean = 0.2 std = {std} /
 &chain n_dof = 3 /
-&excitation variance = 20.0 /
+&excitation variance = 20.0, 40.0 /
 &integration method = 'event' n_steps = 6000 /
 &campaign n_samples = {n} /
 &output segment_length = 1024 dofs = 1, 3 /
@@ -45,7 +45,7 @@ def test_a_law_between_those_marched_is_that_of_a_run(entroslip, folder):
     done = entroslip("whatif", folder / "known.h5", "--set", "process%std=0.08", "--quiet")
     assert done.returncode == 0, done.stderr
     assert "law          mean = 0.2, std = 0.08, L0 = 1.0, order = 2\n" in done.stdout
-    assert "samples      40 of c001, 40 of c002\n" in done.stdout
+    assert "samples      40 of c001, 40 of c003\n" in done.stdout
     slip = table(done.stdout, "time in slip [%]")
     power = table(done.stdout, "pseudo-variance [m^2]")
     with h5py.File(folder / "between.h5") as file:
