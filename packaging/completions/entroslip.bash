@@ -14,6 +14,7 @@ _entroslip() {
   done
   case $previous in
     --output)
+      compopt -o filenames
       mapfile -t COMPREPLY < <(compgen -f -- "$word")
       return ;;
     --set)

@@ -107,7 +107,7 @@ def test_completion_knows_every_command_and_option(words, name):
 def test_completion_in_bash():
     script = f"""
         source {ROOT}/packaging/completions/entroslip.bash
-        compopt() {{ :; }}
+        compopt() {{ printf '%s: ' "$2"; }}
         complete_words() {{
           COMP_WORDS=("$@") COMP_CWORD=$(($# - 1))
           _entroslip {PROGRAM} "${{COMP_WORDS[COMP_CWORD]}}" "${{COMP_WORDS[COMP_CWORD - 1]}}"
@@ -116,10 +116,14 @@ def test_completion_in_bash():
         complete_words entroslip re
         complete_words entroslip replay --s
         complete_words entroslip run small
+        complete_words entroslip run smallest.nml --output bat
         complete_words entroslip run smallest.nml --set campaign%n
     """
     lines = run("bash", "-c", script, cwd=ROOT / "input").splitlines()
-    assert lines == ["replay", "--set --sample", "smallest.nml", "campaign%n_samples="]
+    assert lines == [
+        "replay", "--set --sample", "filenames: smallest.nml", "filenames: batch",
+        "nospace: campaign%n_samples=",
+    ]  # fmt: skip
 
 
 @pytest.mark.skipif(not shutil.which("fish"), reason="fish is not installed")
