@@ -56,7 +56,8 @@ class Figure:
                     panel.set(xlim=(left, right), ylim=(bottom, top))
         png, pdf = BytesIO(), BytesIO()
         picture.savefig(png, format="png")
-        picture.set_layout_engine("none")  # as laid out once
+        with plt.rc_context({"figure.constrained_layout.use": False}):
+            picture.set_layout_engine(None)  # with any engine matplotlib would draw twice
         picture.savefig(pdf, format="pdf", metadata={"CreationDate": None})
         plt.close(picture)
         path = folder / f"{self.name}.png"
