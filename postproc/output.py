@@ -93,9 +93,9 @@ def readable(text: bytes | str) -> str:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file of any bytes."""
+    """The text of a file of any bytes, without a byte order mark."""
     try:
-        return readable(path.read_bytes())
+        return readable(path.read_bytes()).removeprefix("\ufeff")
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from error
 

@@ -59,7 +59,7 @@ def test_a_column_is_one_record(tmp_path):
 
 
 def test_values_are_separated_as_in_the_program(tmp_path):
-    (tmp_path / "data.txt").write_text("! two\n0.3,0.2 ! first\n0.1; nan, 4 # last\n")
+    (tmp_path / "data.txt").write_text("\ufeff! two\n0.3,0.2 ! first\n0.1; nan, 4 # last\n")
     first, second = read_measured(tmp_path / "data.txt")
     np.testing.assert_array_equal(first, [0.3, 0.2])
     np.testing.assert_array_equal(second, [0.1, np.nan, 4.0])
