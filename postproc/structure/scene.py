@@ -22,6 +22,9 @@ _STEPS_A_PERIOD = 8  # of the highest frequency of the noise
 _N_STEPS, _SEGMENT = 40_000, 4096
 _OVER_LIMIT = 2.0  # rms of the example's force over the slip limit mu N of a joint
 _MOST_NAMED = 60  # dofs that joints.txt lists
+_PROCESS = re.compile(  # the / of a group stands neither in quotes nor in a comment
+    r"""^[ \t]*(&process\b(?:'[^']*'|"[^"]*"|![^\n]*|[^/'"!])*/)""", re.MULTILINE | re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)
@@ -48,9 +51,9 @@ class SceneOptions:
 
 def read_process(path: Path) -> str:
     """The group &process of a file, from & to /."""
-    found = re.findall(r"^&process\b.*?^ */", read_text(path), re.MULTILINE | re.DOTALL)
+    found = _PROCESS.findall(read_text(path))
     if len(found) != 1:
-        raise InputError(f"{path}: must have one &process, as entroslip estimate writes it")
+        raise InputError(f"{path}: must have one &process, has {len(found)}")
     return str(found[0])
 
 

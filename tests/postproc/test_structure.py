@@ -17,7 +17,7 @@ from entroslip.structure import Joint, craig_bampton, read_pair, ring
 from entroslip.structure.__main__ import main
 from entroslip.structure.pair import frequencies, largest_eigenvalue, require_stiffness, total_mass
 from entroslip.structure.reduction import condensed
-from entroslip.structure.scene import stuck
+from entroslip.structure.scene import read_process, stuck
 from tests.conftest import ROOT
 
 SNIPPETS = ROOT / "tests/reference/importer"
@@ -317,6 +317,19 @@ def test_the_folder_has_what_structure_reads(tmp_path, beam_file):
     assert "rayleigh = 0.1, 1e-05" in scene
     assert "load = 'load.txt'" in scene
     assert re.search(r"^ *dofs = 1, 2, 3  +! without the modes", scene, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    "group",
+    [
+        "&process mean = 0.2  std = 0.067 /",
+        "&PROCESS values = 'friction/x.txt'  ! a/b, it's\n  order = 2 /",
+    ],
+)
+def test_the_process_of_a_scene_is_taken_alone(tmp_path, group):
+    path = tmp_path / "scene.nml"
+    path.write_text(f"! &process of a test\n  {group}\n&chain\n  n_dof = 5\n/\n")
+    assert read_process(path) == group
 
 
 def test_a_filled_joints_file_is_not_lost(tmp_path, capsys):
