@@ -1,7 +1,8 @@
 """Structures for `&structure`: mass and stiffness from other programs, reduced, checked, written.
 
 >>> pair = read_pair("beam.mat:M", "beam.mat:K")
->>> write_scene(Path("beam"), craig_bampton(pair, ["15"], n_modes=8), joints=[Joint("15")])
+>>> small = craig_bampton(pair, ["15"], n_modes=8)
+>>> write_scene(Path("beam"), small, [Joint("15")], SceneOptions("a beam"))
 """
 
 from .files import read_pair

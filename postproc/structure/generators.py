@@ -32,7 +32,7 @@ def ring(
     edges = sp.coo_array((np.full(blades, -coupling), (np.arange(blades), following)))
     neighbours = sp.csc_array(edges, shape=(blades, blades))
     diagonal = sp.diags_array(own + 2.0 * coupling)
-    return _pair(np.full(blades, mass), sp.csc_array(diagonal + neighbours + neighbours.T))
+    return _pair(mass, sp.csc_array(diagonal + neighbours + neighbours.T))
 
 
 def chain(masses: int, mass: float, coupling: float) -> Pair:
@@ -43,9 +43,11 @@ def chain(masses: int, mass: float, coupling: float) -> Pair:
     diagonal[-1] = coupling
     beside = np.full(masses - 1, -coupling)
     stiffness = sp.diags_array([beside, diagonal, beside], offsets=[-1, 0, 1])
-    return _pair(np.full(masses, mass), sp.csc_array(stiffness))
+    return _pair(mass, sp.csc_array(stiffness))
 
 
-def _pair(mass: np.ndarray[tuple[int], np.dtype[np.float64]], stiffness: sp.csc_array) -> Pair:
-    labels = tuple(str(i + 1) for i in range(mass.size))
-    return Pair(sp.csc_array(sp.diags_array(mass)), stiffness, labels)
+def _pair(mass: float, stiffness: sp.csc_array) -> Pair:
+    """All dofs with the same mass, called 1, 2, ..."""
+    n_dof = stiffness.shape[0]
+    labels = tuple(map(str, range(1, n_dof + 1)))
+    return Pair(sp.csc_array(mass * sp.eye_array(n_dof)), stiffness, labels)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -12,8 +13,9 @@ import pytest
 import scipy.io
 import scipy.sparse as sp
 
+from entroslip import structure
 from entroslip.paper.printed import SLIP_HZ, STUCK_HZ
-from entroslip.structure import Joint, craig_bampton, read_pair, ring
+from entroslip.structure import Joint, chain, craig_bampton, read_pair, ring
 from entroslip.structure.__main__ import main
 from entroslip.structure.pair import frequencies, largest_eigenvalue, require_stiffness, total_mass
 from entroslip.structure.reduction import condensed
@@ -101,6 +103,22 @@ def test_a_large_pair_is_solved_by_iteration(tmp_path):
     assert largest_eigenvalue(pair) == pytest.approx(4.0, rel=0.02)
     small = craig_bampton(pair, ["1000"], 12)
     np.testing.assert_allclose(frequencies(small, 8), exact, rtol=5e-3)
+
+
+def test_the_example_of_the_package_runs(beam_file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    scipy.io.savemat("beam.mat", dict(np.load(beam_file)))
+    code = "\n".join(re.findall(r"^>>> (.*)", structure.__doc__, re.MULTILINE))
+    exec(code, vars(structure) | {"Path": Path})
+    assert "dof = 1\n" in Path("beam/scene.nml").read_text()
+
+
+@pytest.mark.filterwarnings("error")
+def test_whole_numbers_will_do():
+    pairs = ring(6, 1, 25, 5, 0, 1), chain(3, 1, 25)
+    assert {matrix.dtype for pair in pairs for matrix in pair.matrices().values()} == {
+        np.dtype(float)
+    }
 
 
 def test_a_ring_has_its_frequencies():
