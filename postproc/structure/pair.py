@@ -19,7 +19,7 @@ Matrix: TypeAlias = Any  # scipy.sparse.csc_array: real, both triangles stored
 _ASYMMETRY = 1.0e-8  # of the largest entry; exports round to 10 digits and more
 _ZERO = 1.0e-10  # of the largest eigenvalue: rounding of K, or a fine mesh
 _GAP = 100.0  # least ratio of an elastic eigenvalue to the rounding that rigid modes have
-_MOST_RIGID = 12
+_AT_FIRST = 12  # eigenvalues among which rigid modes are sought; more if all are rigid
 _DENSE = 600  # dofs up to which all eigenvalues are computed at once
 _NAMED = 6  # dofs that a message names
 
@@ -94,13 +94,22 @@ def require_mass(pair: Pair) -> None:
 
 def require_stiffness(pair: Pair) -> int:
     """Number of rigid modes of K alone; a stiffness with a negative eigenvalue is refused."""
-    values = lowest_eigenvalues(pair, _MOST_RIGID)
     largest = largest_eigenvalue(pair)
+    values, n_rigid = _beyond_rigid(pair, _AT_FIRST, largest)
     if values[0] < -_ZERO * largest:
         raise InputError(
             f"K: must have no negative eigenvalue; the lowest of K x = lambda M x is {values[0]:g}"
         )
-    return _n_rigid(values, largest)
+    return n_rigid
+
+
+def _beyond_rigid(pair: Pair, count: int, largest: float) -> tuple[NDArray[np.float64], int]:
+    """The lowest eigenvalues, `count` or more, and the number of rigid modes among them."""
+    values = lowest_eigenvalues(pair, count)
+    n_rigid = _n_rigid(values, largest)
+    if n_rigid == values.size < pair.n_dof:
+        return _beyond_rigid(pair, 2 * count, largest)
+    return values, n_rigid
 
 
 def _n_rigid(values: NDArray[np.float64], largest: float) -> int:
@@ -118,9 +127,9 @@ def massless(pair: Pair) -> NDArray[np.int64]:
 
 def frequencies(pair: Pair, count: int) -> NDArray[np.float64]:
     """The lowest natural frequencies [Hz]; those of rigid modes are 0."""
-    values = lowest_eigenvalues(pair, max(count, _MOST_RIGID)).clip(min=0.0)
-    values[: _n_rigid(values, largest_eigenvalue(pair))] = 0.0
-    return np.sqrt(values[:count]) / (2.0 * np.pi)
+    values, n_rigid = _beyond_rigid(pair, max(count, _AT_FIRST), largest_eigenvalue(pair))
+    values[:n_rigid] = 0.0
+    return np.sqrt(values[:count].clip(min=0.0)) / (2.0 * np.pi)
 
 
 def lowest_eigenvalues(pair: Pair, count: int) -> NDArray[np.float64]:

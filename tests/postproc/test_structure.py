@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from entroslip import structure
 from entroslip.paper.printed import SLIP_HZ, STUCK_HZ
-from entroslip.structure import Joint, chain, craig_bampton, read_pair, ring
+from entroslip.structure import Joint, Pair, chain, craig_bampton, read_pair, ring
 from entroslip.structure.__main__ import main
 from entroslip.structure.pair import frequencies, largest_eigenvalue, require_stiffness, total_mass
 from entroslip.structure.reduction import condensed
@@ -66,6 +66,18 @@ def test_modes_of_a_fine_mesh_are_not_taken_for_rigid(tmp_path, held, n_rigid):
     assert require_stiffness(pair) == n_rigid
     exact = [1.87510407, 3.92660231, 4.73004074][n_rigid] ** 2 * np.sqrt(50.0) / (2 * np.pi)
     np.testing.assert_allclose(frequencies(pair, 3)[n_rigid], exact, rtol=1e-3)
+
+
+def test_all_rigid_modes_are_counted():
+    """Of free rods of two masses, one rigid mode and one frequency each."""
+    n = 15
+    rod = 1000.0 * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    labels = tuple(str(i + 1) for i in range(2 * n))
+    pair = Pair(sp.eye_array(2 * n).tocsc(), sp.csc_array(np.kron(np.eye(n), rod)), labels)
+    assert require_stiffness(pair) == n
+    hertz = frequencies(pair, n + 1)
+    assert not hertz[:n].any()
+    assert hertz[n] == pytest.approx(np.sqrt(2000.0) / (2 * np.pi))
 
 
 def test_craig_bampton_keeps_the_low_modes_and_the_statics(beam_file):
