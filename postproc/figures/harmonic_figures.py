@@ -34,7 +34,7 @@ def plot_frequency_response(
             axes.fill_between(sweep.frequency, low, high, color=look["color"], alpha=0.18, lw=0)
         top, bottom = max(top, mean.max(), high.max()), min(bottom, mean.min(), low.min())
     axes.set(
-        xlabel="frequency [Hz]", ylabel=f"|x| / F of dof {dof} [{sweeps[0].unit}]",
+        xlabel="frequency [Hz]", ylabel=f"|x| / F of {results.place} {dof} [{sweeps[0].unit}]",
         xlim=(span[0], span[-1]), ylim=(0.5 * bottom, 2 * top),
     )  # fmt: skip
     style.add_legend(axes)
@@ -49,7 +49,7 @@ def plot_phase(axes: Axes, sweeps: Sequence[Sweep], dof: int) -> None:
             sweep.frequency, np.degrees(mean), label=sweep.level,
             **style.of_rank(rank, len(sweeps)),
         )  # fmt: skip
-    axes.set(xlabel="frequency [Hz]", ylabel=f"phase of dof {dof} [degrees]")
+    axes.set(xlabel="frequency [Hz]", ylabel="phase [degrees]")
     axes.set_xlim(sweeps[0].frequency[0], sweeps[0].frequency[-1])
     style.add_legend(axes)
 

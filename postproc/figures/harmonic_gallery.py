@@ -41,7 +41,7 @@ def _of_process(results: Results, sweeps: list[Sweep], process: str) -> Iterator
         else f"{n_unsteady} responses of samples are not steady; they are drawn too."
     )
     yield Figure(
-        f"frequency_response_{process}", f"Frequency responses of dof {dof}, {name}",
+        f"frequency_response_{process}", f"Frequency responses of {results.place} {dof}, {name}",
         "Fundamental of the displacement divided by the amplitude of the force, beside the linear"
         " structure with all joints stuck and with all slipping. Slip lowers the resonance and"
         f" damps it; under a large force it grows again.{band} {steady}",
