@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -144,6 +145,19 @@ def test_each_pseudo_variance_is_by_the_frequencies_of_its_own_file(pair):
     assert found.spectra() is None
     (found,) = pair_cases(before, design(pair[1], psd=psd[:, :3]))
     assert [values.shape for values in found.spectra()] == [(400, 3, 3)] * 2
+
+
+def test_the_error_of_an_rms_is_that_of_the_jackknife(pair):
+    psd = np.exp(0.3 * np.stack(pair))[:, :, None, :].repeat(2, axis=2)
+    before, after = (design(slip, psd=values) for slip, values in zip(pair, psd, strict=True))
+    power = psd[:, :, :, 0].sum(axis=2)
+    left = (power.sum(axis=1, keepdims=True) - power) / 399  # means without one sample
+    ratios = 100.0 * np.sqrt(left[1] / left[0])
+    ((_, _, rms, *_),) = table_designs(before, [after]).rows
+    change, digits = re.fullmatch(r"(.*)\((.*)\)", rms).groups()
+    error = int(digits) * 0.1 ** len(change.partition(".")[2])
+    assert float(change) == pytest.approx(ratios.mean() - 100.0, abs=error / 10)
+    assert error == pytest.approx(ratios.std() * np.sqrt(399), rel=0.05)
 
 
 def test_the_cases_that_change_most_are_drawn(pair):

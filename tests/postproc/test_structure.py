@@ -80,6 +80,12 @@ def test_all_rigid_modes_are_counted():
     assert hertz[n] == pytest.approx(np.sqrt(2000.0) / (2 * np.pi))
 
 
+def test_a_joint_between_two_dofs_is_a_spring_between_them():
+    free = Pair(sp.eye_array(2).tocsc(), sp.csc_array((2, 2)), ("1", "2"))
+    hertz = frequencies(stuck(free, [Joint("1", "2", 50.0)]), 2)
+    assert hertz == pytest.approx([0.0, np.sqrt(2 * 50.0) / (2 * np.pi)])
+
+
 def test_craig_bampton_keeps_the_low_modes_and_the_statics(beam_file):
     """Against the full beam; a force on a kept dof bends both alike; kept dofs come first."""
     pair = read_pair(str(beam_file), str(beam_file))
@@ -346,6 +352,7 @@ def test_the_folder_has_what_structure_reads(tmp_path, beam_file):
     scene = (out / "scene.nml").read_text()
     assert "rayleigh = 0.1, 1e-05" in scene
     assert "load = 'load.txt'" in scene
+    assert "variance = 16 " in scene  # (2 mu N)^2
     assert re.search(r"^ *dofs = 1, 2, 3  +! without the modes", scene, re.MULTILINE)
 
 
