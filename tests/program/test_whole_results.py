@@ -100,6 +100,14 @@ def test_a_damaged_value_is_found(campaign, output):
         assert_refused(campaign(), f"/campaign/c001/{name}: cannot be read")
 
 
+def test_a_damaged_header_is_found(campaign, output):
+    """HDF5 1.10 refuses to open such a dataset once, and opens it at the second attempt."""
+    content = bytearray(output.read_bytes())
+    content[content.rindex(b"OCHK") + 20] ^= 4  # a later part of a header
+    output.write_bytes(content)
+    assert_refused(campaign(), "cannot be read: incorrect metadata checksum")
+
+
 def test_damaged_attributes_are_not_those_of_another_program(campaign, output):
     content = bytearray(output.read_bytes())
     content[100] ^= 4

@@ -126,18 +126,19 @@ contains
       end do
    end function has
 
-   !> True if the object of this path is a group.
+   !> True if the object of this path is a group. A failure of HDF5 stays for the caller: a second
+   !> attempt to open a damaged object may succeed.
    function is_group(self, path)
       class(hdf5_file), intent(in) :: self
       character(*), intent(in) :: path
       logical :: is_group
-      integer(hid_t) :: group
-      integer :: status
+      integer(hid_t) :: object
+      integer :: kind, status
 
-      call h5gopen_f(self%id, path, group, status)
-      is_group = status >= 0
-      if (is_group) call h5gclose_f(group, status)
-      call forget_failure()
+      call h5oopen_f(self%id, path, object, status)
+      call h5iget_type_f(object, kind, status)
+      is_group = kind == H5I_GROUP_F
+      call h5oclose_f(object, status)
    end function is_group
 
    !> Lists the names in a group, sorted. HDF5 would sort all of them for each name that it gives.
