@@ -3,7 +3,8 @@
 module campaign_size
    use campaign_bands, only: most_bins
    use campaign_columns, only: largest_group
-   use campaign_plan, only: add_audits, kept_dofs, kept_of, output_settings, plan_type
+   use campaign_plan, only: add_audits, have_same_force, kept_dofs, kept_of, output_settings, &
+                            plan_type
    use campaign_pooling, only: case_pool, find_pools, plan_draws, reason_for_plain
    use campaign_results, only: n_quantities, spectrum_layout
    use campaign_runner, only: block_width, layout_of
@@ -222,8 +223,20 @@ contains
          if (plan%excitation%per_sample) &
             bytes = bytes + real_bytes*n_steps*plan%structure%n_forces
       end associate
-      bytes = record_memory(plan) + min(block_width(plan), maxval(plan%cases%n_samples))*bytes
+      bytes = record_memory(plan) + largest_block(plan)*bytes
    end function memory_of_march
+
+   !> Largest number of samples of a block: of one case, or of cases with the same force.
+   pure integer function largest_block(plan) result(n)
+      type(plan_type), intent(in) :: plan
+      integer :: c
+
+      n = maxval(plan%cases%n_samples)
+      if (.not. plan%excitation%per_sample) &
+         n = maxval([(sum(plan%cases%n_samples, have_same_force(plan%cases, plan%cases(c))), &
+                      c=1, size(plan%cases))])
+      n = min(block_width(plan), n)
+   end function largest_block
 
    !> Memory [byte] of a case in the pilot march (tradeoff_pilot): Welch segments, spectra of every
    !> step at all dofs, and four copies of the force.

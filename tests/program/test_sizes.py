@@ -15,7 +15,7 @@ import pytest
 from tests.conftest import ENVIRONMENT
 
 SCENE = """\
-&process correlation_length = 1.0 order = 1 mean = 0.2 std = 0.02 /
+&process correlation_length = 1.0 order = 1 mean = 0.2 std = {std} /
 &chain n_dof = {n_dof} /
 &excitation variance = {variance} /
 &integration method = 'event' n_steps = {n_steps} /
@@ -24,7 +24,7 @@ SCENE = """\
 """
 USUAL = {
     "n_dof": 5, "n_steps": 4000, "n_samples": 8, "segment": 8192, "kept": "'slip', 'spectrum'",
-    "variance": "41.1",
+    "std": "0.02", "variance": "41.1",
 }  # fmt: skip
 LEVELS = ", ".join(map(str, range(1, 33)))
 CASES = {
@@ -34,6 +34,7 @@ CASES = {
     "many_samples": {"n_steps": 600, "n_samples": 3000, "segment": 512},
     "without_spectra": {"n_samples": 64, "kept": "'slip', 'spectrum' samples = .false."},
     "histories": {"n_steps": 40000, "kept": "'slip', 'history'"},
+    "joined": {"n_steps": 40000, "kept": "'slip', 'history'", "std": "0.01, 0.02, 0.03, 0.04"},
     "transitions": {"n_steps": 20000, "n_samples": 32, "kept": "'slip', 'transitions'"},
     "many_masses": {"n_dof": 400, "n_steps": 1000},
     "many_cases": {"n_dof": 90, "n_steps": 3000, "variance": "10, 20, 30, 40, 50, 60, 70, 80, 90"},
