@@ -82,13 +82,14 @@ contains
       self%is_silent = .true.
    end subroutine finish
 
-   !> Replaces the line on the terminal.
+   !> Replaces the line on the terminal, which does not wrap it: a narrow one shows its beginning.
    subroutine redraw(self, text)
       class(progress_type), intent(inout) :: self
       character(*), intent(in) :: text
-      character, parameter :: return = achar(13)
+      character, parameter :: escape = achar(27), return = achar(13)
+      character(*), parameter :: no_wrap = escape//'[?7l', wrap = escape//'[?7h'
 
-      call write_output(return//repeat(' ', self%width)//return//text)
+      call write_output(no_wrap//return//repeat(' ', self%width)//return//text//wrap)
       self%width = len(text)
    end subroutine redraw
 

@@ -12,6 +12,7 @@ from tests.program.terminal import said_on_a_terminal
 
 PROGRESS = re.compile(r"\d+ of 602 samples, \d+ %")
 RATE = re.compile(PROGRESS.pattern + r", [\d.]+ a (second|minute), [\d.e-]+ (s|min|h|days) left")
+NO_WRAP, WRAP = r"\x1b\[\?7l", r"\x1b\[\?7h"  # a narrow terminal keeps the line, cut
 ONE_RECORD = """\
 &process correlation_length = 0.3 order = 1 mean = 0.2 std = 0.01 /
 &chain n_dof = 1 /
@@ -31,7 +32,8 @@ def command(program, tmp_path):
 def test_a_terminal_has_one_line_that_is_redrawn(command, tmp_path):
     code, text = said_on_a_terminal(command, "stdout", cwd=tmp_path, env=ENVIRONMENT)
     assert code == 0
-    drawn = [part for part in text.split("\r") if PROGRESS.match(part)]
+    drawn = re.findall(rf"{NO_WRAP}\r *\r([^\r]+){WRAP}", text)
+    drawn = [part for part in drawn if PROGRESS.match(part)]
     assert len(drawn) >= 2
     assert RATE.fullmatch(drawn[-1])
     done = [int(part.split()[0]) for part in drawn]
