@@ -73,7 +73,7 @@ contains
       if (shard%group /= '') path = store%output
    end function shard_path
 
-   !> Lists the shards of a store by their names; refuses a file with another name.
+   !> Lists the shards of a store by their names; none, with an error, if a file has another name.
    subroutine list_shards(store, shards, error)
       type(shard_store), intent(in) :: store
       type(shard_type), allocatable, intent(out) :: shards(:)
@@ -93,7 +93,8 @@ contains
          if (shard_name(shards(n)) == name) cycle
          call raise(error, exit_file, store%folder//'/'//name// &
                     ' is not the name of a shard: only shards may lie in this folder')
-         return
+         n = 0
+         exit
       end do
       shards = shards(:n)
    end subroutine list_shards
