@@ -101,6 +101,12 @@ contains
                         judged('distribution', found%p_marginal))
       text = text//labelled('', 'errors are the scatter of the same estimates from '// &
                             'realizations of the process at the same points')
+      if (allocated(found%refusal)) then
+         text = text//labelled('note', found%refusal//'; the estimates above are the likeliest '// &
+                               trim(merge('of order 1         ', 'without correlation', &
+                                          found%l0 > 0.0_wp)))
+         return
+      end if
       if (found%l0 < found%longest) return
       note = 'no longer L0 of its order is tried for '//to_text(found%n_values)// &
              ' values: perhaps they are too few, have a trend or a period'
@@ -166,7 +172,10 @@ contains
                 rounded_by_error(found%mean, found%mean_error)//'  std = '// &
                 brief(request%std)//line_feed//'  correlation_length = '// &
                 brief(request%correlation_length)//'  order = '//to_text(request%order)// &
-                line_feed//'  positive = '//to_text(request%positive)//line_feed//'/'//line_feed
+                line_feed//'  positive = '//to_text(request%positive)
+         if (request%positive .and. request%correlation_length > 0.0_wp) &
+            text = text//"  branch = 'nonnegative'"
+         text = text//line_feed//'/'//line_feed
       end associate
    end function group_text
 

@@ -49,6 +49,8 @@ module process_estimate
       integer :: n_points = 0                   !! points of the longest record, with gaps
       type(process_request) :: request          !! request for the estimated process
       type(process_model_type) :: model         !! solved
+      !> why there is no process of the best trial; not allocated: there is one
+      character(:), allocatable :: refusal
       real(wp) :: std_of_record_means = 0.0_wp   !! std of the means of the records, if several
       real(wp) :: l0_range(2) = 0.0_wp, l1_range(2) = 0.0_wp   !! [lags]
       real(wp) :: longest = 0.0_wp              !! largest L0 of the trials of this order [lags]
@@ -82,7 +84,8 @@ module process_estimate
 
 contains
 
-   !> Estimates the process of the records, a positive one if no value is negative. Fails if
+   !> Estimates the process of the records, a positive one if no value is negative. If there is no
+   !> process of the best trial, the trials are those of order 1, then only white noise. Fails if
    !> `check_values` does, or if no process has the estimates.
    subroutine estimate_process(records, seed, estimate, error)
       type(measured_record), intent(in) :: records(:)
@@ -90,7 +93,7 @@ contains
       type(process_estimate_type), intent(out) :: estimate
       type(error_type), allocatable, intent(out) :: error
       type(piece_group), allocatable :: groups(:)
-      type(trial_type), allocatable :: trials(:)
+      type(trial_type), allocatable :: trials(:)   ! the first is white noise, of order 1
       type(fit_type), allocatable :: fits(:), refits(:)   ! (column)
       real(wp), allocatable :: values(:, :), realizations(:, :)   ! (value, column)
       integer :: i
@@ -100,21 +103,27 @@ contains
       if (allocated(error)) return
       call list_trials(size(values, 1), maxval([(maxval(groups(i)%point), i=1, size(groups))]), &
                        trials)
-      call fit_columns(values, groups, trials, fits, error)
-      if (allocated(error)) return
-      estimate%process_moments = fits(1)%process_moments
-      estimate%longest = maxval(trials%l0, mask=trials%order == fits(1)%order)
-      estimate%request = process_request(correlation_length=estimate%l0, order=fits(1)%order, &
-                                         mean=estimate%mean, std=estimate%std, &
-                                         positive=all(values >= 0.0_wp), &
-                                         branch='nonnegative')   ! as the trials
-      call fit_process(estimate%request, seed, estimate%model)
-      if (.not. estimate%model%is_solved) then
-         call raise(error, exit_no_solution, 'no process has the estimates (mean '// &
-                    brief(estimate%mean)//', std '//brief(estimate%std)//', L0 '// &
-                    brief(estimate%l0)//'): '//estimate%model%reason)
-         return
-      end if
+      do
+         call fit_columns(values, groups, trials, fits, error)
+         if (allocated(error)) return
+         estimate%process_moments = fits(1)%process_moments
+         estimate%longest = maxval(trials%l0, mask=trials%order == fits(1)%order)
+         estimate%request = process_request(correlation_length=estimate%l0, order=fits(1)%order, &
+                                            mean=estimate%mean, std=estimate%std, &
+                                            positive=all(values >= 0.0_wp), &
+                                            branch='nonnegative')   ! as the trials
+         call fit_process(estimate%request, seed, estimate%model)
+         if (estimate%model%is_solved) exit
+         if (.not. allocated(estimate%refusal)) &
+            estimate%refusal = 'no process has the estimates (mean '//brief(estimate%mean)// &
+                               ', std '//brief(estimate%std)//', L0 '//brief(estimate%l0)// &
+                               '): '//estimate%model%reason
+         if (size(trials) == 1) then
+            call raise(error, exit_no_solution, estimate%refusal)
+            return
+         end if
+         trials = trials(:merge(count(trials%order == 1), 1, trials(size(trials))%order > 1))
+      end do
       allocate (realizations(size(values, 1), n_replicates))
       call draw_realizations(records, estimate%model, seed, realizations)
       call fit_columns(realizations, groups, trials, refits, error)
