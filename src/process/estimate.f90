@@ -14,8 +14,9 @@ module process_estimate
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use core_error, only: error_type, exit_bad_input, exit_no_solution, raise
    use core_kinds, only: long, wp
+   use core_memory, only: can_allocate
    use core_random, only: label_of, new_stream, stream_type
-   use core_text, only: brief, counted, to_text
+   use core_text, only: brief, counted, size_text, to_text
    use numerics_lapack, only: multiply, solve_positive_definite, unit_matrix
    use numerics_sorting, only: sort_order
    use numerics_statistics, only: mean_of => mean, standard_deviation
@@ -176,16 +177,19 @@ contains
       groups = [groups, piece_group(point, [row])]
    end subroutine add_piece
 
-   !> Fails if there are too few values, if all are equal, or if the first number of each record, or
-   !> all numbers of the only one, are an index: at least six with equal steps.
-   pure subroutine check_values(records, values, error)
+   !> Fails if there are too few values, if all are equal, if their realizations exceed the memory,
+   !> or if the first number of each record, or all numbers of the only one, are an index: at least
+   !> six with equal steps.
+   subroutine check_values(records, values, error)
       type(measured_record), intent(in) :: records(:)
       real(wp), intent(in) :: values(:)   !! those of all records, without gaps
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: rounding = 1.0e-3_wp   ! of times with few digits, over their step
       real(wp), allocatable :: column(:)
+      real(wp) :: bytes
       integer :: i, n
 
+      bytes = 8.0_wp*size(values)*n_replicates
       column = values
       if (size(records) > 1) column = [(records(i)%value(1), i=1, size(records))]
       column = pack(column, mask=.not. ieee_is_nan(column))
@@ -196,6 +200,10 @@ contains
       else if (.not. maxval(values) > minval(values)) then
          call raise(error, exit_bad_input, 'all values are '//to_text(values(1))// &
                     ': they must scatter')
+      else if (.not. can_allocate(bytes)) then
+         call raise(error, exit_bad_input, counted(size(values), 'value', 'values')// &
+                    ': their realizations take '//size_text(bytes)//', which the system does '// &
+                    'not give: leave values out')
       else if (n >= 6) then
          if (all(abs(column(3:) - 2.0_wp*column(2:n - 1) + column(:n - 2)) &
                  < rounding*abs(column(2) - column(1)))) &
