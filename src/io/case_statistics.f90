@@ -168,7 +168,8 @@ contains
 
          if (present(estimates)) then
             call group%put(name, values%ratio, '1', &
-                           'standard error of plain sampling over that of the estimate', axes, &
+                           'standard error of plain sampling, with the tail that the samples '// &
+                           'lack, over that of the estimate', axes, &
                            extents=extents)
             call write_gain(group, estimates, name, values%ratio)
             return
