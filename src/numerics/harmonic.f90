@@ -1,5 +1,6 @@
-!> Fundamental of a nearly periodic motion: least-squares fit of a constant and five harmonics to
-!> the values of a window of about ten periods.
+!> Fundamental of a nearly periodic motion: least-squares fit of a constant, a drift and five
+!> harmonics to the values of a window of about ten periods. A free structure drifts: started from
+!> rest, a sine gives it a mean velocity.
 !>
 !> A window need not hold whole periods. Harmonics above the fifth are not fitted; they change the
 !> fundamental by less than 1 % of their own amplitude.
@@ -13,7 +14,7 @@ module numerics_harmonic
 
    integer, parameter :: periods_of_window = 10
    integer, parameter :: n_harmonics = 5
-   integer, parameter :: n_terms = 1 + 2*n_harmonics
+   integer, parameter :: n_terms = 2 + 2*n_harmonics
    real(wp), parameter :: rounding = 1.0e-3_wp   !! rounding error of a number of values
 
    !> A window of values at equal intervals.
@@ -46,6 +47,7 @@ contains
       allocate (terms(window%n_values, n_terms))
       terms(:, 1) = 1.0_wp
       do i = 1, window%n_values
+         terms(i, n_terms) = real(i, wp)/window%n_values
          phase = two_pi*frequency*interval*i
          do k = 1, n_harmonics
             terms(i, 2*k) = sin(k*phase)
