@@ -20,6 +20,7 @@ module structure_model
    integer, parameter :: most_dofs = 32766
    real(wp), parameter :: least_share = 1.0e-10_wp   !! eigenvalue over the largest that is not zero
    real(wp), parameter :: least_gap = 100.0_wp       !! eigenvalue over that of a zero mode below it
+   real(wp), parameter :: rounding = 10.0_wp*epsilon(1.0_wp)   !! of an eigenvalue over the largest
 
    !> One structure. Matrices are full.
    type :: structure_type
@@ -105,7 +106,8 @@ contains
       if (allocated(error)) return
       call find_modes(structure%stuck_stiffness([(.true., j=1, structure%n_joints)]), &
                       structure%mass, structure%frequencies_stuck, structure%n_zero_modes, error, &
-                      structure%modes_stuck, names%stiffness)
+                      structure%modes_stuck, names%stiffness, structure%joint_stiffness, &
+                      structure%direction)
       if (allocated(error)) return
       call form_damping(damping, names%damping, structure, error)
    end subroutine build_structure
@@ -206,17 +208,20 @@ contains
    !>
    !> An eigenvalue below 1e-10 of the largest has few correct digits: its Rayleigh quotient
    !> replaces it. If that is below 1e-10 of the sum of its absolute terms, and below 1/100 of the
-   !> next eigenvalue (low modes of a fine mesh are nearer to each other), the mode is a zero mode.
-   !> With a `name`, a more negative eigenvalue is refused.
-   subroutine find_modes(stiffness, mass, frequencies, n_zero, error, modes, name)
+   !> next eigenvalue (low modes of a fine mesh are nearer to each other), the mode is a zero mode,
+   !> unless stuck joints have more than half of its energy, beyond rounding.
+   !> With all joints stuck the last three are given; a more negative eigenvalue is then refused.
+   subroutine find_modes(stiffness, mass, frequencies, n_zero, error, modes, name, &
+                         joint_stiffness, direction)
       real(wp), intent(in) :: stiffness(:, :), mass(:, :)   !! (dof, dof) [N/m], [kg]
       real(wp), allocatable, intent(out) :: frequencies(:)
       integer, intent(out) :: n_zero
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable, intent(out), optional :: modes(:, :)
       character(*), intent(in), optional :: name            !! name of K in the message
+      real(wp), intent(in), optional :: joint_stiffness(:), direction(:, :)   !! w (dof, joint)
       real(wp), allocatable :: eigenvalues(:), vectors(:, :)
-      real(wp) :: above, energy, least, terms
+      real(wp) :: above, energy, largest, of_joints, terms
       integer :: r
       logical :: needs_vectors
 
@@ -230,8 +235,9 @@ contains
       if (needs_vectors) &
          call solve_symmetric_eigenproblem(stiffness, mass, eigenvalues, error, vectors)
       if (allocated(error)) return
-      least = least_share*maxval(abs(eigenvalues))
-      if (present(name) .and. eigenvalues(1) < -least) then
+      largest = maxval(abs(eigenvalues))
+      of_joints = 0.0_wp
+      if (present(name) .and. eigenvalues(1) < -least_share*largest) then
          call raise(error, exit_bad_input, name//': with all joints stuck, the least '// &
                     'eigenvalue over M is '//brief(eigenvalues(1))//' 1/s^2: must not be '// &
                     'negative, the structure would buckle')
@@ -239,12 +245,15 @@ contains
       end if
       above = huge(1.0_wp)
       do r = size(eigenvalues), 1, -1
-         if (abs(eigenvalues(r)) <= least) then
+         if (abs(eigenvalues(r)) <= least_share*largest) then
             associate (mode => vectors(:, r))
                energy = dot_product(mode, matmul(stiffness, mode))
                terms = dot_product(abs(mode), matmul(abs(stiffness), abs(mode)))
+               if (present(name)) of_joints = sum(joint_stiffness*matmul(mode, direction)**2)
             end associate
-            if (energy <= least_share*terms .and. (n_zero > 0 .or. above > least_gap*energy)) then
+            if (energy <= least_share*terms .and. &
+                of_joints <= max(0.5_wp*abs(energy), rounding*largest) .and. &
+                (n_zero > 0 .or. above > least_gap*energy)) then
                energy = 0.0_wp
                n_zero = n_zero + 1
             end if
