@@ -288,7 +288,8 @@ def report_of_laws(name: str, times: int, sizes: list[int]) -> list[str]:
         lines += ["", f"**{title}:**", ""]
         head = ["statistic"]
         for low, high in ranges:
-            head += [f"{low:g} to {high:g}: joints", "gain", "covers"]
+            label = f"{low:g} to {high:g}" if math.isfinite(high) else f"above {low:g}"
+            head += [f"{label}: joints", "gain", "covers"]
         lines += ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
         for statistic, label in enumerate(NUMBERS):
             score = together([score_of(part, statistic) for part in found])
