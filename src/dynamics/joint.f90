@@ -10,7 +10,7 @@ module dynamics_joint
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: count_open_slips, enter_transition, slider_at, slip_direction
+   public :: add_frictionless_slip, count_open_slips, enter_transition, slider_at, slip_direction
 
 contains
 
@@ -66,6 +66,29 @@ contains
          end do
       end do
    end subroutine count_open_slips
+
+   !> Adds the way of a joint without friction over a step: that of the cubic through w.x and w.v at
+   !> both ends, which turns back once if the velocities have opposite signs.
+   pure subroutine add_frictionless_slip(state, joint, sample, place, speed)
+      type(block_state), intent(inout) :: state
+      integer, intent(in) :: joint, sample
+      real(wp), intent(in) :: place      !! w.x at the end of the step [m]
+      real(wp), intent(in) :: speed(2)   !! w.v at its ends [m/step]
+      real(wp) :: bend, curve, rise, turn   ! w.v = speed(1) + 2 bend t + 3 curve t^2
+
+      rise = place - state%slip_from(joint, sample)
+      turn = 0.0_wp   ! w.x where it turns back, from the start
+      if (speed(1)*speed(2) < 0.0_wp) then
+         bend = 3.0_wp*rise - 2.0_wp*speed(1) - speed(2)
+         curve = speed(1) + speed(2) - 2.0_wp*rise
+         associate (t => speed(1)/(sign(sqrt(bend**2 - 3.0_wp*curve*speed(1)), speed(1)) - bend))
+            turn = t*(speed(1) + t*(bend + t*curve))
+         end associate
+      end if
+      state%slip_distance(joint, sample) = state%slip_distance(joint, sample) &
+                                           + (abs(turn) + abs(rise - turn))
+      state%slip_from(joint, sample) = place
+   end subroutine add_frictionless_slip
 
    !> Counts a slip from its start, or from when it was last counted, to now. A joint slips in one
    !> direction in between, so that |change of w.x| is the distance.

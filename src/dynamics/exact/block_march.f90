@@ -7,7 +7,7 @@ module dynamics_exact_block_march
    use dynamics_exact_joint_paths, only: joint_paths, regime_slider, width
    use dynamics_exact_transitions, only: clear, examine, find_next, group_size, plain, &
                                          apply_response, load_candidates, transition_group
-   use dynamics_joint, only: slider_at
+   use dynamics_joint, only: add_frictionless_slip, slider_at
    use dynamics_response, only: block_state, marcher_type
    implicit none(type, external)
    private
@@ -33,6 +33,7 @@ module dynamics_exact_block_march
       type(transition_group) :: single     !! one joint, for march_joint
       logical :: is_independent = .true.   !! True if no sample is ever marched again
       logical :: has_frictionless = .false.
+      real(wp), allocatable :: speed(:, :)   !! (lane, joint) w.v at the start of the part [m/part]
       integer :: n_buffered = 0, n_written = 0   !! records
       real(wp), allocatable :: displacement(:, :, :), velocity(:, :, :)   !! (lane, dof, record)
    end type march_buffers
@@ -68,6 +69,7 @@ contains
             buffers%is_independent = all(base%paths%responses%is_local) .and. &
                                      all(base%paths%responses%undisturbed_span >= 1.0_wp)
             call base%paths%load_regimes(structure%joint_stiffness, state)
+            buffers%speed = base%paths%x(:, base%paths%row, base%paths%layer(1))
             base%work_done(:last - first + 1, 1) = state%work_input(first:last)
             base%work_done(:last - first + 1, 2) = state%work_viscous(first:last)
             buffers%n_written = 0
@@ -138,7 +140,7 @@ contains
       if (base%paths%n_candidates > 0) call make_transitions(base, begin, state, buffers, error)
       if (allocated(error)) return
       call base%end_part()
-      if (buffers%has_frictionless) call add_frictionless_slip(base%paths, state)
+      if (buffers%has_frictionless) call count_frictionless(base%paths, buffers%speed, state)
    end subroutine march_part
 
    !> Makes the transitions of all candidates. Judges all of them first: samples whose joints may
@@ -316,9 +318,10 @@ contains
       end associate
    end subroutine set_force
 
-   !> Adds the slip distance of a part to joints without friction, which slip all the time.
-   pure subroutine add_frictionless_slip(paths, state)
+   !> Counts the slip of joints without friction, which slip all the time, over a part.
+   pure subroutine count_frictionless(paths, speed, state)
       type(joint_paths), intent(in) :: paths
+      real(wp), intent(inout) :: speed(:, :)   !! (lane, joint) w.v at the start; then at the end
       type(block_state), intent(inout) :: state
       integer :: j, l, w
 
@@ -326,14 +329,14 @@ contains
          w = paths%first_sample + l - 1
          do j = 1, paths%n_joints
             if (state%slip_limit(j, w) > 0.0_wp) cycle
-            associate (place => paths%x(l, paths%row(j), paths%layer(0)))
-               state%slip_distance(j, w) = state%slip_distance(j, w) + &
-                                           abs(place - state%slip_from(j, w))
-               state%slip_from(j, w) = place
+            associate (place => paths%x(l, paths%row(j), paths%layer(0)), &
+                       after => paths%x(l, paths%row(j), paths%layer(1)))
+               call add_frictionless_slip(state, j, w, place, [speed(l, j), after])
+               speed(l, j) = after
             end associate
          end do
       end do
-   end subroutine add_frictionless_slip
+   end subroutine count_frictionless
 
    !> Keeps a record of all lanes, and writes out all records first if the buffers are full.
    subroutine buffer_record(base, displacement, velocity, buffers)

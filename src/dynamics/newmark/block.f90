@@ -6,7 +6,7 @@
 module dynamics_newmark_block
    use core_kinds, only: long, wp
    use dynamics_alignment, only: aligned_memory
-   use dynamics_joint, only: count_open_slips, enter_transition, slider_at
+   use dynamics_joint, only: add_frictionless_slip, count_open_slips, enter_transition, slider_at
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
@@ -38,6 +38,7 @@ module dynamics_newmark_block
       !> (row; slider, reach, direction, stiffness; sample). For a slipping joint reach is huge and
       !> stiffness 0; direction is 0 for a stuck joint and for one without friction
       real(wp), pointer, contiguous :: bounds(:, :, :) => null()
+      logical :: has_frictionless = .false.
       real(wp), allocatable :: reach(:, :)        !! mu N/k (joint, sample) [m]
       real(wp), allocatable :: work(:, :)         !! (input viscous, sample) [J]
       ! buffers
@@ -50,7 +51,7 @@ module dynamics_newmark_block
       type(aligned_memory), private :: memory
    contains
       procedure :: switch_at_nearer_end
-      procedure :: add_work
+      procedure :: count_step
    end type newmark_block
 
 contains
@@ -81,6 +82,7 @@ contains
       block%column = [(min(block%n_forces*(w - 1), size(force, 2) - block%n_forces), &
                        w=1, samples)]
       block%reach = state%slip_limit/spread(frame%structure%joint_stiffness, 2, samples)
+      block%has_frictionless = any(.not. block%reach > 0.0_wp)
       allocate (block%tick(samples), block%failed_tick(samples), block%slot(samples), &
                 source=0_long)
       allocate (block%step_ticks(samples), source=shiftl(1_long, max_halvings))
@@ -146,7 +148,7 @@ contains
          if (self%margin(i, new) < 0.0_wp .and. is_nearer(i) .and. may_switch(i, old)) nearer = old
       end do
       if (nearer == new) then
-         if (state%keeps_ledger) call self%add_work(w)
+         call self%count_step(state, w)
          self%tick(w) = self%tick(w) + 1
          self%slot(w) = new
       end if
@@ -277,6 +279,24 @@ contains
          call frame%rows%multiply(matmul(frame%inverse_mass, force), motion(:frame%n_rows, 1))
       end associate
    end subroutine find_accelerations
+
+   !> Counts the work, if wanted, and the slip of joints without friction over the trial step of
+   !> sample w.
+   pure subroutine count_step(self, state, w)
+      class(newmark_block), intent(inout) :: self
+      type(block_state), intent(inout) :: state
+      integer, intent(in) :: w
+      integer :: j
+
+      if (state%keeps_ledger) call add_work(self, w)
+      associate (old => self%slot(w), row => self%frame%row, h => self%step_ticks(w)*self%tick_size)
+         do j = 1, self%n_joints
+            if (self%reach(j, w) > 0.0_wp) cycle
+            call add_frictionless_slip(state, j, w, self%motion(row(j), 3, 1 - old, w), &
+                                       h*self%motion(row(j), 2, [old, 1 - old], w))
+         end do
+      end associate
+   end subroutine count_step
 
    !> Adds the work of the forces and the dampers over the trial step of sample w. With average
    !> acceleration, mean force times displacement, less the dampers' work at the mean velocity and

@@ -116,9 +116,9 @@ contains
       do while (n_active > 0)   ! a trial step of each sample that is not at the end
          has_crossed = 0
          call self%steps%try_steps(sample(:n_active), block, has_crossed)
-         if (state%keeps_ledger) then
+         if (state%keeps_ledger .or. block%has_frictionless) then
             do k = 1, n_active
-               if (has_crossed(sample(k)) == 0) call block%add_work(sample(k))
+               if (has_crossed(sample(k)) == 0) call block%count_step(state, sample(k))
             end do
          end if
          call finish_trials(block, last, has_crossed, next_tick, is_active, is_due, is_switching)
