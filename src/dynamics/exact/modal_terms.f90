@@ -21,7 +21,7 @@ module dynamics_exact_modal_terms
    real(wp), parameter :: slide_safety = 3.0_wp      !! factor of sigma (M7), joints that slide on
    real(wp), parameter :: damper_safety = 3.0_wp     !! factor of (M7) for dampers at joints
    real(wp), parameter :: fit_gain = 20.0_wp         !! error of a cut over that of the fit (M7)
-   real(wp), parameter :: quintic_error = 2.7e-6_wp  !! max t^2 (t - 1/2)^2 (t - 1)^2/6!
+   real(wp), parameter :: quintic_error = 3.22e-6_wp  !! max t^2 (t - 1/2)^2 (t - 1)^2/6!
 
    !> Parts of a step, and terms that are kept.
    type :: modal_terms
@@ -112,7 +112,7 @@ contains
 
    !> Error of the paths of joints with n_parts parts a step, relative to the rms displacement (M7).
    !>
-   !> The polynomial (M4) errs by 2.7e-6 rho^6 of the amplitude of a mode, rho = omega h. Responses
+   !> The polynomial (M4) errs by 3.22e-6 rho^6 of the amplitude of a mode, rho = omega h. Responses
    !> to sliders, kappa = h^2 W' M^-1 W k, are cut off at kappa^3/5040 of the velocity; the fit of
    !> the kernel makes that 20 times less, except while a joint slides on. With a damper at the
    !> joint, gamma = c h, they are cut off at kappa (gamma^3 + 2 kappa gamma)/720.
