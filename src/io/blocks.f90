@@ -122,14 +122,14 @@ contains
                    block%slip_fraction)
       call v%visit('slip_fraction_error', '1', by_joint, 'time-average error of slip_fraction', &
                    block%slip_fraction_error)
-      call v%visit('slip_starts', '1', by_joint, 'number of transitions from stick to slip', &
-                   block%slip_starts, 'long')
-      call v%visit('stick_starts', '1', by_joint, 'number of transitions from slip to stick', &
-                   block%stick_starts, 'long')
-      call v%visit('slip_distance', 'm', by_joint, 'distance that the joint slips', &
-                   block%slip_distance)
-      call v%visit('dissipation', 'J', by_joint, 'work that the joint dissipates', &
-                   block%dissipation)
+      call v%visit('slip_starts', '1', by_joint, 'number of transitions from stick to slip '// &
+                   'since n_discard', block%slip_starts, 'long')
+      call v%visit('stick_starts', '1', by_joint, 'number of transitions from slip to stick '// &
+                   'since n_discard', block%stick_starts, 'long')
+      call v%visit('slip_distance', 'm', by_joint, 'distance that the joint slips since '// &
+                   'n_discard', block%slip_distance)
+      call v%visit('dissipation', 'J', by_joint, 'work that the joint dissipates since '// &
+                   'n_discard', block%dissipation)
       call v%visit('joint_displacement_max', 'm', by_joint, 'largest displacement between '// &
                    'the ends of the joint, at the steps that enter the spectra', &
                    block%joint_displacement_max)
@@ -169,8 +169,10 @@ contains
       call v%visit('power_series', 'm^2', 'sample batch kept', 'mean square of the '// &
                    'displacement in consecutive batches of segments, within ranges of '// &
                    'frequencies; those of a range together', block%power_series)
-      call v%visit('displacement', 'm', 'sample time kept', 'displacement', block%displacement)
-      call v%visit('velocity', 'm/s', 'sample time kept', 'velocity', block%velocity)
+      call v%visit('displacement', 'm', 'sample time kept', &
+                   'displacement, also before n_discard', block%displacement)
+      call v%visit('velocity', 'm/s', 'sample time kept', 'velocity, also before n_discard', &
+                   block%velocity)
       if (v%direction == from_file) then
          call read_transitions(v%group, block)
       else if (allocated(block%transitions)) then
@@ -206,7 +208,8 @@ contains
       v%n_all = v%n_transitions
       v%n_written = v%n_written + v%n_rows
       call v%visit('transition_sample', '1', axis, 'sample of the transition', sample, 'integer')
-      call v%visit('transition_time', 's', axis, 'time of the transition', time)
+      call v%visit('transition_time', 's', axis, 'time of the transition, also before '// &
+                   'n_discard', time)
       call v%visit('transition_joint', '1', axis, 'joint of the transition', joint, 'integer')
       call v%visit('transition_kind', '1', axis, &
                    '+1, -1: slip starts in that direction; 0: sticks', kind, 'integer')

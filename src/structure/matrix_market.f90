@@ -6,7 +6,7 @@ module structure_matrix_market
    use core_kinds, only: wp
    use core_source, only: read_source, source_type
    use core_table, only: next_word, parse_rows, table_type
-   use core_text, only: lowered, to_text
+   use core_text, only: counted, lowered, to_text
    use structure_model, only: most_dofs, too_large
    implicit none(type, external)
    private
@@ -175,8 +175,8 @@ contains
             matrix%line(j, i) = reader%line
          end if
       end do
-      if (n < n_entries + 2) reader%rule = 'holds '//to_text(n - 2)//' entries: must be '// &
-                                           to_text(n_entries)
+      if (n < n_entries + 2) reader%rule = 'holds '//counted(n - 2, 'entry', 'entries')// &
+                                           ': must be '//to_text(n_entries)
    end subroutine read_entries
 
    !> Checks an entry. In a coordinate file, its place must be within the matrix, in the lower
