@@ -47,13 +47,13 @@ contains
       real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N] of kind 'file'
       type(runner_type), intent(out) :: runner
       type(error_type), allocatable, intent(out) :: error
-      !> runner for the same structure, methods and step, whose marchers are copied
-      type(runner_type), intent(in), optional :: prepared
+      !> runner for the same structure, methods and step, which loses its marchers to this one
+      type(runner_type), intent(inout), optional :: prepared
 
       runner%plan = plan
       if (present(prepared)) then
-         runner%marcher = prepared%marcher
-         if (allocated(prepared%reference)) runner%reference = prepared%reference
+         call move_alloc(prepared%marcher, runner%marcher)
+         call move_alloc(prepared%reference, runner%reference)
       else
          call new_marcher(plan, plan%integration, runner%marcher, error)
          if (allocated(error)) return

@@ -23,7 +23,7 @@ module campaign_size
    use statistics_law, only: most_kept_draws, n_points
    use statistics_spectra, only: fitted_together => together
    use statistics_surrogate, only: most_landmarks, most_pair_outputs, most_pair_samples
-   use structure_model, only: structure_memory => memory_of_matrices
+   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: memory_of_pilot, memory_of_rank, n_frequencies, refuse_long_lists, refuse_oversize, &
@@ -197,12 +197,15 @@ contains
       bytes = base_memory + real_bytes*plan%n_realizations*plan%n_points
       if (.not. plan%has_structure) return
       n_samples = maxval(plan%cases%n_samples)
-      pilot = merge(memory_of_pilot(plan), 0.0_wp, plan%output%spectrum)
+      pilot = 0.0_wp
+      if (plan%output%spectrum) &
+         pilot = 3*memory_of_structure(plan%structure) &   ! of its plans
+                 + min(size(plan%cases)*memory_of_pilot(plan), &
+                       max(memory_of_pilot(plan), most_pilot_memory))
       bytes = max(bytes, march_memory + 4*n_samples*size(plan%cases) &
                   + listed_shard_bytes*size(plan%cases)*(1 + n_samples/block_width(plan)) &
                   + memory_of_matrices(plan) &
-                  + max(memory_of_march(plan, transitions), &
-                        min(size(plan%cases)*pilot, max(pilot, most_pilot_memory)), &
+                  + max(memory_of_march(plan, transitions), pilot, &
                         memory_of_tables(plan) + memory_of_statistics(plan), &
                         2*memory_of_tables(plan) + memory_of_regression(plan)))
    end function memory_of_rank
@@ -249,15 +252,33 @@ contains
       end associate
    end function memory_of_pilot
 
-   !> Memory [byte] of the matrices of the structure and of its marcher. Newmark's scheme has
-   !> matrices for each halving of the step.
+   !> Memory [byte] of the matrices of a march: four copies of the structure, in the scene, the
+   !> plan, the runner and the marcher, and those of the method. Newmark's scheme has two copies of
+   !> its frame and maps for each halving of the step. Modes have V and V^-1 of (M3), twice while
+   !> they are found. Five more matrices are buffers (measured).
    pure real(wp) function memory_of_matrices(plan) result(bytes)
       type(plan_type), intent(in) :: plan
+      real(wp) :: cross, square   ! bytes of a (dof, joint) and of a (dof, dof) matrix
 
-      bytes = structure_memory(plan%structure%n_dof, plan%structure%n_joints)
-      if (plan%integration%method == 'newmark') &
-         bytes = bytes*(1.0_wp + plan%integration%max_halvings/8.0_wp)
+      associate (structure => plan%structure)
+         cross = real_bytes*structure%n_dof*structure%n_joints
+         square = real_bytes*structure%n_dof*real(structure%n_dof, wp)
+         bytes = 4*memory_of_structure(structure) + 5*square
+         if (plan%integration%method == 'newmark') then
+            bytes = bytes + 2*(5*square + 4*cross) &
+                    + (plan%integration%max_halvings + 1)*(2*square + cross)
+         else if (.not. structure%has_lumped_mass()) then
+            bytes = bytes + 16*square
+         end if
+      end associate
    end function memory_of_matrices
+
+   !> Memory [byte] of the matrices of a structure: M, K, C, modes, and directions of joints.
+   pure real(wp) function memory_of_structure(structure) result(bytes)
+      type(structure_type), intent(in) :: structure
+
+      bytes = real_bytes*structure%n_dof*(4.0_wp*structure%n_dof + structure%n_joints)
+   end function memory_of_structure
 
    !> Memory [byte] of the force record: prepared, in the march, and while it is drawn. The
    !> transforms of the drawing need less for a band with a lower upper end (numerics_synthesis).

@@ -13,7 +13,7 @@ module structure_model
    implicit none(type, external)
    private
    public :: build_structure, damping_type, part_names, structure_type
-   public :: memory_of_matrices, most_dofs, too_large
+   public :: most_dofs, too_large
 
    !> Largest n for which a default integer holds LAPACK's workspace of an eigenproblem, 2 n^2 + 6 n
    !> + 1 numbers
@@ -62,21 +62,14 @@ module structure_model
 
 contains
 
-   !> Bytes of the full matrices of a structure and its march: eight (dof, dof), eight (dof, joint).
-   elemental function memory_of_matrices(n_dof, n_joints) result(bytes)
-      integer, intent(in) :: n_dof, n_joints
-      real(wp) :: bytes
-
-      bytes = 64.0_wp*n_dof*(real(n_dof, wp) + n_joints)
-   end function memory_of_matrices
-
-   !> Message of a structure that is too large for the memory; '' if it fits.
+   !> Message of a structure that is too large for the memory, eight (dof, dof) and eight (dof,
+   !> joint) matrices; '' if it fits.
    function too_large(n_dof, n_joints) result(text)
       integer, intent(in) :: n_dof, n_joints
       character(:), allocatable :: text
 
       text = ''
-      associate (bytes => memory_of_matrices(n_dof, n_joints))
+      associate (bytes => 64.0_wp*n_dof*(real(n_dof, wp) + n_joints))
          if (.not. can_allocate(bytes)) &
             text = 'its matrices take '//to_text(nint(bytes/1.0e6_wp))//' MB, which the system '// &
                    'does not give: reduce the model (python -m entroslip.structure import --modes)'

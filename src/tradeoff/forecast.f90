@@ -99,7 +99,7 @@ contains
    !> are narrower. Adds its share of the cost.
    subroutine time_level(plan, prepared, level, share, cost, error)
       type(plan_type), intent(in) :: plan     !! plan of the short march
-      type(runner_type), intent(in) :: prepared   !! runner whose marchers are used
+      type(runner_type), intent(inout) :: prepared   !! runner whose marchers are used
       type(level_type), intent(in) :: level
       real(wp), intent(in) :: share           !! share of all samples that is at this level
       type(cost_type), intent(inout) :: cost
@@ -127,15 +127,16 @@ contains
       audit = plan
       audit%integration = reference_for(plan%integration)
       audit%output = kept_of(plan, size(plan%cases))
-      audit_runner%marcher = prepared%reference
+      call move_alloc(prepared%reference, audit_runner%marcher)
       call time_march(audit, audit_runner, audited, result, nanoseconds, error)
+      call move_alloc(audit_runner%marcher, prepared%reference)
       cost%audit_nanoseconds = cost%audit_nanoseconds + share*nanoseconds
    end subroutine time_level
 
    !> Times a march, a short one twice, and keeps the shorter time.
    subroutine time_march(plan, prepared, level, result, nanoseconds, error)
       type(plan_type), intent(in) :: plan
-      type(runner_type), intent(in) :: prepared
+      type(runner_type), intent(inout) :: prepared
       type(level_type), intent(in) :: level
       type(block_result), intent(out) :: result
       real(wp), intent(out) :: nanoseconds   !! processor time of a sample-step

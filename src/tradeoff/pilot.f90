@@ -61,7 +61,7 @@ contains
    !> Returns the shares of the power that spectra of every k-th step would fold.
    subroutine march_cases(cases, runner, every, share, error)
       integer, intent(in) :: cases(:)
-      type(runner_type), intent(in) :: runner      !! runner of all cases
+      type(runner_type), intent(inout) :: runner   !! runner of all cases
       integer, intent(in) :: every(:)              !! (k)
       real(wp), intent(out) :: share(:, :, :)      !! (dof, case, k)
       type(error_type), allocatable, intent(out) :: error

@@ -192,7 +192,7 @@ contains
       type(block_result), intent(out) :: result
       real(wp), intent(out) :: nanoseconds   !! processor time of a sample-step of the scene
       type(error_type), allocatable, intent(out) :: error
-      type(runner_type), intent(in), optional :: prepared   !! runner whose marcher is used again
+      type(runner_type), intent(inout), optional :: prepared   !! runner whose marchers are used
       type(plan_type) :: short
       type(runner_type) :: runner
       real(wp) :: after, before
@@ -209,6 +209,10 @@ contains
          call cpu_time(before)
          call run_block(runner, 1, level%friction, 1, should_stop, result, error)
          call cpu_time(after)
+         if (present(prepared)) then
+            call move_alloc(runner%marcher, prepared%marcher)
+            call move_alloc(runner%reference, prepared%reference)
+         end if
          if (allocated(error)) call name_sample(plan, block_of(level), error)
          nanoseconds = 1.0e9_wp*(after - before)/(real(n_steps, wp)*size(level%sample))
       end associate

@@ -18,13 +18,13 @@ SCENE = """\
 &process correlation_length = 1.0 order = 1 mean = 0.2 std = {std} /
 &chain n_dof = {n_dof} /
 &excitation variance = {variance} /
-&integration method = 'event' n_steps = {n_steps} /
+&integration method = {method} n_steps = {n_steps} /
 &campaign n_samples = {n_samples} /
 &output quantities = {kept} segment_length = {segment} /
 """
 USUAL = {
     "n_dof": 5, "n_steps": 4000, "n_samples": 8, "segment": 8192, "kept": "'slip', 'spectrum'",
-    "std": "0.02", "variance": "41.1",
+    "std": "0.02", "variance": "41.1", "method": "'event'",
 }  # fmt: skip
 LEVELS = ", ".join(map(str, range(1, 33)))
 CASES = {
@@ -70,6 +70,25 @@ print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 def test_check_tells_the_size_of_results_and_memory(entroslip, program, tmp_path, name):
     size, said = size_and_memory(SCENE.format(**USUAL | CASES[name]), entroslip, program, tmp_path)
     assert size <= told(said, "results") <= 1.25 * size + 20e3
+
+
+def test_check_tells_the_memory_of_newmark_s_maps(entroslip, program, tmp_path):
+    options = {"n_dof": 500, "n_steps": 600, "kept": "'slip'", "method": "'newmark'"}
+    size_and_memory(SCENE.format(**USUAL | options), entroslip, program, tmp_path)
+
+
+def test_check_tells_the_memory_of_a_dense_structure(entroslip, program, tmp_path):
+    n = 500
+    for name, diagonal, beside in (("mass", 4, 1), ("stiffness", 200, -100)):
+        entries = [f"{i} {i} {diagonal}" for i in range(1, n + 1)]
+        entries += [f"{i + 1} {i} {beside}" for i in range(1, n)]
+        header = f"%%MatrixMarket matrix coordinate real symmetric\n{n} {n} {len(entries)}\n"
+        (tmp_path / f"{name}.mtx").write_text(header + "\n".join(entries) + "\n")
+    (tmp_path / "joints.txt").write_text("2 0 100 10 0.2 1\n9 0 100 10 0.2 2\n")
+    structure = "&structure mass_matrix = 'mass.mtx' stiffness_matrix = 'stiffness.mtx' "
+    scene = SCENE.replace("&chain n_dof = {n_dof}", structure + "joints = 'joints.txt'")
+    scene = scene.format(**USUAL | {"n_steps": 600, "kept": "'slip'"})
+    size_and_memory(scene, entroslip, program, tmp_path)
 
 
 @pytest.mark.parametrize("name", PROCESSES)

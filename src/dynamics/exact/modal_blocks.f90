@@ -141,7 +141,7 @@ contains
             blocks%inverse(:, zero) = matmul(blocks%inverse(:, zero), transpose(modes))
          end associate
       end do
-      blocks%state = state
+      call move_alloc(state, blocks%state)
    end subroutine find_blocks
 
    !> Rotates the modes without stiffness so that damping does not couple them with each other.
