@@ -5,7 +5,7 @@ module config_measured
    use core_complaints, only: complaint_list
    use core_kinds, only: wp
    use core_source, only: read_source, source_type
-   use core_table, only: complaint_on_line, data_line, number_marks, parse_row
+   use core_table, only: number_marks, parse_line
    use process_estimate, only: measured_record
    implicit none(type, external)
    private
@@ -21,10 +21,10 @@ contains
       character(*), intent(in) :: path
       type(measured_record), allocatable, intent(out) :: records(:)
       type(complaint_list), intent(inout) :: complaints
-      character(:), allocatable :: refusal, rule
+      character(:), allocatable :: refusal
       type(source_type) :: source
       real(wp), allocatable :: values(:)
-      integer :: i, n, n_records, number
+      integer :: i, n, n_bad, n_records, number
 
       call read_source(path, source, refusal, most_bytes)
       if (allocated(refusal)) then
@@ -32,16 +32,13 @@ contains
          return
       end if
       allocate (values(longest_record), records(source%n_lines()))
+      n_bad = 0
       n_records = 0
       do number = 1, source%n_lines()
-         call parse_row(data_line(source, number, number_marks), 1, .true., values, n, rule)
-         if (allocated(rule)) then
-            call complaints%add_general(complaint_on_line(source, number, rule, number_marks)// &
-                                        '; nan stands where none was measured')
-         else if (n > 0) then
-            n_records = n_records + 1
-            records(n_records)%value = values(:n)
-         end if
+         call parse_line(source, number, number_marks, 1, .true., values, n, n_bad, complaints)
+         if (n == 0) cycle
+         n_records = n_records + 1
+         records(n_records)%value = values(:n)
       end do
       if (n_records == 0 .and. complaints%n == 0) &
          call complaints%add_general(path//': holds no values')

@@ -8,16 +8,16 @@ module core_table
    use core_text, only: lowered, no_number, parse_real, to_text
    implicit none(type, external)
    private
-   public :: complaint_on_line, data_line, next_word, parse_row, parse_rows, read_table, &
-             table_type, words_of
+   public :: next_word, parse_line, parse_rows, read_table, table_type, words_of
 
-   character(*), parameter :: white = ' '//achar(9)//achar(13)
+   character, parameter :: tab = achar(9)
+   character(*), parameter :: white = ' '//tab//achar(13)
    character(*), parameter :: blanks = white//';'
    character(*), parameter, public :: number_marks = '#!'   !! characters that begin a comment
-   !> Rule that `separate_commas` returns for a missing value.
+   !> Rule that a line with a missing value breaks.
    character(*), parameter, public :: no_value = 'a value is missing beside the separator'
    integer, parameter :: max_shown = 10        !! bad lines with a complaint each
-   integer, parameter :: longest_line = 4096   !! characters of the longest allowed line
+   integer, parameter :: longest_row = 4096    !! characters of the longest line of a table
 
    !> Rows of a file in their order. Zeros follow the values of a short row.
    type :: table_type
@@ -56,7 +56,6 @@ contains
       integer, intent(in) :: fewest, most
       type(table_type), intent(out) :: table
       type(complaint_list), intent(inout) :: complaints
-      character(:), allocatable :: line, rule
       real(wp) :: values(most)
       integer :: n, n_bad, number
 
@@ -65,42 +64,51 @@ contains
       allocate (table%value(most, n), table%n_columns(n), table%line(n))
       n_bad = 0
       do number = 1, source%n_lines()
-         line = data_line(source, number, marks)
-         if (len(line) <= longest_line) then
-            call parse_row(line, fewest, .false., values, n, rule)
-         else
-            rule = 'the line is too long'
-         end if
-         if (allocated(rule)) then
-            n_bad = n_bad + 1
-            if (n_bad <= max_shown) &
-               call complaints%add_general(complaint_on_line(source, number, rule, marks))
-         else if (n > 0) then
-            table%n_rows = table%n_rows + 1
-            table%value(:n, table%n_rows) = values(:n)
-            table%value(n + 1:, table%n_rows) = 0.0_wp
-            table%n_columns(table%n_rows) = n
-            table%line(table%n_rows) = number
-         end if
+         call parse_line(source, number, marks, fewest, .false., values, n, n_bad, complaints)
+         if (n == 0) cycle
+         table%n_rows = table%n_rows + 1
+         table%value(:n, table%n_rows) = values(:n)
+         table%value(n + 1:, table%n_rows) = 0.0_wp
+         table%n_columns(table%n_rows) = n
+         table%line(table%n_rows) = number
       end do
-      if (n_bad > max_shown) &
-         call complaints%add_general(table%path//': '//to_text(n_bad - max_shown)// &
-                                     ' more bad lines')
       table%value = table%value(:, :table%n_rows)
       table%n_columns = table%n_columns(:table%n_rows)
       table%line = table%line(:table%n_rows)
    end subroutine parse_rows
 
-   !> Line of a source without its comment.
-   pure function data_line(source, number, marks) result(line)
+   !> Reads the n values of a line; n = 0 if there are none, or if the line is bad. Complains about
+   !> the first bad lines one by one, and says at the last line how many more there are.
+   subroutine parse_line(source, number, marks, fewest, has_gaps, values, n, n_bad, complaints)
       type(source_type), intent(in) :: source
       integer, intent(in) :: number
-      character(*), intent(in) :: marks   !! characters that begin a comment
-      character(:), allocatable :: line
+      character(*), intent(in) :: marks      !! characters that begin a comment
+      integer, intent(in) :: fewest
+      logical, intent(in) :: has_gaps        !! true: `nan` is a value, and a line has any length
+      real(wp), intent(inout) :: values(:)   !! the first n are set
+      integer, intent(out) :: n
+      integer, intent(inout) :: n_bad        !! bad lines up to this one
+      type(complaint_list), intent(inout) :: complaints
+      character(:), allocatable :: line, rule
 
       line = source%line(number)
       line = line(:scan(line//marks, marks) - 1)
-   end function data_line
+      if (has_gaps .or. len(line) <= longest_row) then
+         call parse_row(line, fewest, has_gaps, values, n, rule)
+      else
+         rule = 'the line is too long'
+      end if
+      if (allocated(rule)) then
+         n = 0
+         n_bad = n_bad + 1
+         rule = complaint_on_line(source, number, rule, marks)
+         if (has_gaps) rule = rule//'; nan stands where none was measured'
+         if (n_bad <= max_shown) call complaints%add_general(rule)
+      end if
+      if (number == source%n_lines() .and. n_bad > max_shown) &
+         call complaints%add_general(source%name//': '//to_text(n_bad - max_shown)// &
+                                     ' more bad lines')
+   end subroutine parse_line
 
    !> Replaces the commas that separate values by blanks. `rule` is allocated if a comma may be a
    !> decimal one, as in 0,3, or if a value is missing.
@@ -149,15 +157,23 @@ contains
       integer, intent(out) :: n
       character(:), allocatable, intent(out) :: rule
       character(:), allocatable :: text
-      integer :: first, last
+      integer :: before, first, last
 
       n = 0
       text = line
       call separate_commas(text, rule)
       last = 0
       do while (.not. allocated(rule))
+         before = last
          call next_word(text, first, last)
          if (first > last) exit
+         associate (gap => line(before + 1:first - 1))
+            if (has_gaps .and. n > 0 .and. scan(gap, ',;') == 0 .and. &
+                index(gap, tab) < index(gap, tab, back=.true.)) then
+               rule = no_value
+               exit
+            end if
+         end associate
          n = n + 1
          if (n > size(values)) then
             rule = 'must be '//number_of_values(fewest, size(values))
