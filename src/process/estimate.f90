@@ -25,7 +25,7 @@ module process_estimate
    use process_autoregressive_sums, only: correlation_sums, positive_sums
    use process_fit, only: fit_process
    use process_model, only: process_model_type, process_moments, process_request
-   use process_realization, only: draw_points
+   use process_realization, only: draw_chains, n_chains_of
    implicit none(type, external)
    private
    public :: measured_record, process_estimate_type, estimate_process
@@ -138,28 +138,32 @@ contains
       real(wp), allocatable, intent(out) :: values(:, :)   !! (value, 1)
       type(piece_group), allocatable, intent(out) :: groups(:)
       type(process_estimate_type), intent(inout) :: estimate
-      real(wp), allocatable :: column(:), means(:)
+      real(wp) :: means(size(records))
       integer, allocatable :: measured(:)
-      integer :: first, i, k, last
+      integer :: first, i, k, last, n, n_means
 
-      allocate (groups(0), column(0), means(0))
+      estimate%n_records = size(records)
+      estimate%n_points = maxval([(size(records(i)%value), i=1, size(records))])
+      estimate%n_gaps = sum([(count(ieee_is_nan(records(i)%value)), i=1, size(records))])
+      estimate%n_values = sum([(size(records(i)%value), i=1, size(records))]) - estimate%n_gaps
+      allocate (groups(0), values(estimate%n_values, 1))
+      n = 0
+      n_means = 0
       do i = 1, size(records)
          associate (value => records(i)%value)
             measured = pack([(k, k=1, size(value))], mask=.not. ieee_is_nan(value))
-            estimate%n_gaps = estimate%n_gaps + size(value) - size(measured)
-            estimate%n_points = max(estimate%n_points, size(value))
          end associate
+         if (size(measured) == 0) cycle
          do first = 1, size(measured), longest_piece
             last = min(first + longest_piece - 1, size(measured))
-            call add_piece(measured(first:last) - measured(first), size(column) + first - 1, groups)
+            call add_piece(measured(first:last) - measured(first), n + first - 1, groups)
          end do
-         column = [column, records(i)%value(measured)]
-         if (size(measured) > 0) means = [means, mean_of(records(i)%value(measured))]
+         values(n + 1:n + size(measured), 1) = records(i)%value(measured)
+         n = n + size(measured)
+         n_means = n_means + 1
+         means(n_means) = mean_of(records(i)%value(measured))
       end do
-      if (size(means) > 1) estimate%std_of_record_means = standard_deviation(means)
-      estimate%n_records = size(records)
-      estimate%n_values = size(column)
-      values = reshape(column, [size(column), 1])
+      if (n_means > 1) estimate%std_of_record_means = standard_deviation(means(:n_means))
    end subroutine collect_values
 
    !> Adds a piece to the group with the same points, or to a new group.
@@ -186,10 +190,10 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), parameter :: rounding = 1.0e-3_wp   ! of times with few digits, over their step
       real(wp), allocatable :: column(:)
-      real(wp) :: bytes
+      real(wp) :: bytes   ! of the realizations, and at most half as many of their chains
       integer :: i, n
 
-      bytes = 8.0_wp*size(values)*n_replicates
+      bytes = 1.5_wp*8.0_wp*size(values)*n_replicates
       column = values
       if (size(records) > 1) column = [(records(i)%value(1), i=1, size(records))]
       column = pack(column, mask=.not. ieee_is_nan(column))
@@ -428,25 +432,42 @@ contains
       distance = -n - sum([((2*i - 1)*(below(i) + above(n + 1 - i)), i=1, n)])/n
    end function anderson_darling
 
-   !> Draws realizations of the process at the measured points.
+   !> Draws realizations of the process at the measured points. A chain of draw_chains has a long
+   !> burn-in, so each one serves as many records as there are chains; every realization takes
+   !> each of these records from another chain. Neighbours on a chain belong to two realizations,
+   !> which the gap between them leaves nearly independent.
    subroutine draw_realizations(records, model, seed, realizations)
       type(measured_record), intent(in) :: records(:)
       type(process_model_type), intent(in) :: model
       integer(long), intent(in) :: seed
       real(wp), intent(out) :: realizations(:, :)   !! (value, realization)
       type(stream_type) :: stream
-      real(wp), allocatable :: line(:)
-      integer :: i, k, n
+      real(wp), allocatable :: chains(:, :)   ! (chain, point)
+      integer :: first, gap, i, j, k, last, n, n_chains, p, point
 
-      do k = 1, size(realizations, 2)
-         stream = new_stream(seed, label_of('estimate'), k)
+      n_chains = n_chains_of(model)
+      gap = merge(ceiling(2.0_wp*model%l0), 0, n_chains > 1)   ! between records on a chain
+      do k = 0, size(realizations, 2) - 1, n_chains
+         stream = new_stream(seed, label_of('estimate'), k + 1)
          n = 0
-         do i = 1, size(records)
-            line = records(i)%value
-            call draw_points(model, stream, line)
-            line = pack(line, mask=.not. ieee_is_nan(records(i)%value))
-            realizations(n + 1:n + size(line), k) = line
-            n = n + size(line)
+         do first = 1, size(records), n_chains
+            last = min(first + n_chains - 1, size(records))
+            allocate (chains(n_chains, sum([(size(records(i)%value) + gap, i=first, last)])))
+            call draw_chains(model, stream, chains)
+            point = 0
+            do i = first, last
+               associate (value => records(i)%value)
+                  do p = 1, size(value)
+                     if (ieee_is_nan(value(p))) cycle
+                     n = n + 1
+                     do j = 1, min(n_chains, size(realizations, 2) - k)
+                        realizations(n, k + j) = chains(1 + modulo(i + j, n_chains), point + p)
+                     end do
+                  end do
+                  point = point + size(value) + gap
+               end associate
+            end do
+            deallocate (chains)
          end do
       end do
    end subroutine draw_realizations

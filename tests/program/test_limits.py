@@ -83,7 +83,7 @@ def test_more_values_than_the_memory_holds_are_refused(limited, tmp_path):
     (tmp_path / "friction.txt").write_text("0.31\n0.29\n0.36\n0.38\n" * 50000)
     done = limited(COMMANDS["estimate"], resource.RLIMIT_AS, 400000 * 1024)
     assert done.returncode == 2
-    assert ": 200000 values: their realizations take 318 MB, which the system" in done.stderr
+    assert ": 200000 values: their realizations take 478 MB, which the system" in done.stderr
 
 
 def test_the_process_keeps_its_name(program, tmp_path):
