@@ -37,6 +37,8 @@ module process_estimate
    integer, parameter :: fewest_values = 8
    integer, parameter :: n_lags_tested = 8     !! lags in the test of the correlation
    integer, parameter :: n_replicates = 199    !! realizations: p-values in steps of 1/200
+   !> `gain` of independent values: 95 % of a chi-squared law, as a trial has a length and an order
+   real(wp), parameter :: chance_gain = 5.99_wp
 
    !> Values at consecutive points along one line; NaN where there is none.
    type :: measured_record
@@ -79,6 +81,7 @@ module process_estimate
    !> Estimates from one column of values, and the statistics of its tests.
    type, extends(process_moments) :: fit_type
       integer :: order = 0
+      real(wp) :: gain = 0.0_wp       !! -2 ln L of white noise less that of the best trial
       real(wp) :: misfit = 0.0_wp     !! correlation of the innovations (Box and Pierce, 1970)
       real(wp) :: distance = 0.0_wp   !! A^2 of the standardized values
    end type fit_type
@@ -86,8 +89,9 @@ module process_estimate
 contains
 
    !> Estimates the process of the records, a positive one if no value is negative. If there is no
-   !> process of the best trial, the trials are those of order 1, then only white noise. Fails if
-   !> `check_values` does, or if no process has the estimates.
+   !> process of the best trial, the trials are those of order 1, then only white noise. If its
+   !> correlation may be chance, order 1 is tried before its order, whose search can take half a
+   !> minute. Fails if `check_values` does, or if no process has the estimates.
    subroutine estimate_process(records, seed, estimate, error)
       type(measured_record), intent(in) :: records(:)
       integer(long), intent(in) :: seed   !! seed of the realizations
@@ -109,16 +113,23 @@ contains
          if (allocated(error)) return
          estimate%process_moments = fits(1)%process_moments
          estimate%longest = maxval(trials%l0, mask=trials%order == fits(1)%order)
-         estimate%request = process_request(correlation_length=estimate%l0, order=fits(1)%order, &
+         estimate%request = process_request(correlation_length=estimate%l0, &
+                                            order=merge(1, fits(1)%order, &
+                                                        fits(1)%gain < chance_gain), &
                                             mean=estimate%mean, std=estimate%std, &
                                             positive=all(values >= 0.0_wp), &
                                             branch='nonnegative')   ! as the trials
          call fit_process(estimate%request, seed, estimate%model)
+         if (estimate%model%is_solved .and. estimate%request%order < fits(1)%order) then
+            estimate%request%order = fits(1)%order
+            call fit_process(estimate%request, seed, estimate%model)
+         end if
          if (estimate%model%is_solved) exit
          if (.not. allocated(estimate%refusal)) &
-            estimate%refusal = 'no process has the estimates (mean '//brief(estimate%mean)// &
-                               ', std '//brief(estimate%std)//', L0 '//brief(estimate%l0)// &
-                               '): '//estimate%model%reason
+            estimate%refusal = 'no process of order '//to_text(estimate%request%order)// &
+                               ' has the estimates (mean '//brief(estimate%mean)//', std '// &
+                               brief(estimate%std)//', L0 '//brief(estimate%l0)//'): '// &
+                               estimate%model%reason
          if (size(trials) == 1) then
             call raise(error, exit_no_solution, estimate%refusal)
             return
@@ -265,6 +276,7 @@ contains
          best = minloc(deviance(:, column), 1)
          associate (fit => fits(column))
             fit%order = trials(best)%order
+            fit%gain = deviance(1, column) - deviance(best, column)
             fit%mean = mean(best, column)
             fit%std = sqrt(variance(best, column))
             call refine_lengths(trials, best, deviance(:, column), fit%l0, fit%l1)
