@@ -211,12 +211,12 @@ contains
       accepts = index(', '//trim(commands_of_option(i))//',', ', '//command//',') > 0
    end function accepts
 
-   !> Help: 24 lines of at most 80 columns, one screen of a terminal.
+   !> Help: 23 lines of at most 80 columns, one screen of a terminal.
    pure function help_text() result(text)
       character(:), allocatable :: text
 
       text = 'entroslip: maximum-entropy properties, and vibration held by friction'//nl// &
-             'usage: [mpirun -n RANKS] entroslip COMMAND [SCENE] [options]'//nl//nl// &
+             'usage: [mpirun -n RANKS] entroslip COMMAND [FILE] [options]'//nl// &
              rows(commands)//nl//rows(options)//nl// &
              'exit codes: 0 done; 2 bad usage or input; 3 a file is unwritable, locked or'//nl// &
              'foreign; 4 no solution, or a target out of reach; 75 stopped early: start again'

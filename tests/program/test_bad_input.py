@@ -117,7 +117,7 @@ def test_all_mistakes_in_one_pass(entroslip, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((), "no command; there are run, check, tradeoff, replay, estimate, template"),
+        ((), "no command; there are run, check, tradeoff, replay, estimate, whatif, template"),
         (("rnu", "x.nml"), "unknown command rnu, did you mean run?"),
         (("run",), "run needs a scene: entroslip run SCENE"),
         (("run", "absent.nml"), "absent.nml: no such file"),
