@@ -35,7 +35,7 @@ module driver_whatif
       type(plan_type) :: plan                    !! cases of the file, then those of the new laws
       integer :: n_processes = 0                 !! processes of the file
       type(stored_samples) :: stored
-      type(spectrum_layout), allocatable :: layout   !! absent without spectra of samples
+      type(spectrum_layout) :: layout            !! without frequencies if samples have no spectra
    end type question_type
 
 contains
@@ -77,7 +77,7 @@ contains
                   statistics(pools(p)%cases(c)) = statistics(pools(p)%cases(1))
             end do
          end do
-         call find_estimates(world, plan, models, question%stored, frequencies(question), &
+         call find_estimates(world, plan, models, question%stored, question%layout%frequency, &
                              statistics, estimates, error, pools)
          call world%stop_on(error)
          if (world%is_root()) call print_estimates(plan, pools, estimates, error)
@@ -93,12 +93,11 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: campaign, changed
       character(:), allocatable :: options, text
-      real(wp), allocatable :: frequency(:)
       type(shard_type) :: none(0)
 
       call refuse_other_options(line, error)
       if (.not. allocated(error)) &
-         call read_campaign(line%scene, text, options, campaign, frequency, error)
+         call read_campaign(line%scene, text, options, campaign, question%layout%frequency, error)
       if (allocated(error)) return
       if (all(campaign%cases%process == 0)) then
          call raise(error, exit_bad_input, line%scene//': has no samples of a process')
@@ -113,7 +112,6 @@ contains
          plan%structure = campaign%structure
          plan%output = campaign%output
          if (plan%estimator == 'plain') plan%estimator = 'pooled'
-         if (plan%output%spectrum) question%layout = spectrum_layout(frequency=frequency)
          associate (n => plan%cases%n_samples)
             call sort_shards(new_store(line%scene, identity_type()), &
                              stored_in_results([n, 0*n], maxval(n), none), question%stored)
@@ -189,15 +187,6 @@ contains
       if (all(plan%cases%n_samples > 0)) &
          call raise(error, exit_bad_input, path//': has samples of this law: see its report')
    end subroutine add_new_laws
-
-   !> Frequencies of the spectra [Hz]; none without spectra of samples.
-   pure function frequencies(question)
-      type(question_type), intent(in) :: question
-      real(wp), allocatable :: frequencies(:)
-
-      allocate (frequencies(0))
-      if (allocated(question%layout)) frequencies = question%layout%frequency
-   end function frequencies
 
    !> Prints the estimates of all new laws. An error says that none of them has any.
    subroutine print_estimates(plan, pools, estimates, error)

@@ -232,13 +232,15 @@ contains
    !> Largest number of samples of a block: of one case, or of cases with the same force.
    pure integer function largest_block(plan) result(n)
       type(plan_type), intent(in) :: plan
-      integer :: c
+      integer :: c, width
 
       n = maxval(plan%cases%n_samples)
-      if (.not. plan%excitation%per_sample) &
-         n = maxval([(sum(plan%cases%n_samples, have_same_force(plan%cases, plan%cases(c))), &
-                      c=1, size(plan%cases))])
-      n = min(block_width(plan), n)
+      width = block_width(plan)
+      do c = 1, merge(0, size(plan%cases), plan%excitation%per_sample)
+         if (n >= width) exit
+         n = max(n, sum(plan%cases%n_samples, have_same_force(plan%cases, plan%cases(c))))
+      end do
+      n = min(width, n)
    end function largest_block
 
    !> Memory [byte] of a case in the pilot march (tradeoff_pilot): Welch segments, spectra of every

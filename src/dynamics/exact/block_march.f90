@@ -69,7 +69,8 @@ contains
             buffers%is_independent = all(base%paths%responses%is_local) .and. &
                                      all(base%paths%responses%undisturbed_span >= 1.0_wp)
             call base%paths%load_regimes(structure%joint_stiffness, state)
-            buffers%speed = base%paths%x(:, base%paths%row, base%paths%layer(1))
+            if (buffers%has_frictionless) &
+               buffers%speed = base%paths%x(:, base%paths%row, base%paths%layer(1))
             base%work_done(:last - first + 1, 1) = state%work_input(first:last)
             base%work_done(:last - first + 1, 2) = state%work_viscous(first:last)
             buffers%n_written = 0

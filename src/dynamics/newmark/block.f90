@@ -289,6 +289,7 @@ contains
       integer :: j
 
       if (state%keeps_ledger) call add_work(self, w)
+      if (.not. self%has_frictionless) return
       associate (old => self%slot(w), row => self%frame%row, h => self%step_ticks(w)*self%tick_size)
          do j = 1, self%n_joints
             if (self%reach(j, w) > 0.0_wp) cycle
