@@ -72,9 +72,9 @@ PROCESSES = {
     "`correlation = 'both'`": PROCESS.format(
         values="positive = f correlation = 'both' second_length = 0.3"
     ),
-    UNSOLVED: PROCESS.format(values="").replace("order = 2", "order = 1").replace(
-        "std = 0.3", "std = 2.0, 0.3"
-    ),
+    UNSOLVED: PROCESS.format(values="")
+    .replace("order = 2", "order = 1")
+    .replace("std = 0.3", "std = 2.0, 0.3"),
 }
 
 TRADEOFF = {"": MOTION.format(quantities="'slip', 'spectrum'")}
