@@ -9,7 +9,7 @@ module driver_check
    use core_error, only: error_type, exit_done, exit_stopped
    use core_kinds, only: long, wp
    use core_terminal, only: say
-   use core_text, only: brief, duration, labelled, to_text
+   use core_text, only: brief, duration, labelled, line_feed, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_judge_results, only: need_words
@@ -39,7 +39,7 @@ contains
       type(plan_type) :: plan
       type(process_model_type), allocatable :: models(:)
       type(cost_type) :: cost
-      character(:), allocatable :: choice, need
+      character(:), allocatable :: choice, need, text
       logical :: is_quiet
       real(wp), allocatable :: unused(:, :)
       type(error_type), allocatable :: error, oversize
@@ -57,14 +57,14 @@ contains
       if (world%is_root()) then
          call predict_processes(plan, models)
          if (.not. is_quiet) then
-            call say(summary_text(scene, plan, cost%nanoseconds, world%n_ranks, &
-                                  cost%transitions, models, cost%audit_nanoseconds, &
-                                  end_seconds(plan, models, cost, world%n_ranks)))
+            text = summary_text(scene, plan, cost%nanoseconds, world%n_ranks, cost%transitions, &
+                                models, cost%audit_nanoseconds, &
+                                end_seconds(plan, models, cost, world%n_ranks))
             call refuse_oversize(plan, oversize)
-            if (allocated(oversize)) call say('note: '//oversize%message)
-            if (cost%n_steps > 0) call say(march_text(cost))
-            if (choice /= '') call say(choice)
-            if (need /= '') call say(need)
+            if (allocated(oversize)) text = text//'note: '//oversize%message//line_feed
+            if (cost%n_steps > 0) text = text//march_text(cost)
+            text = text//choice//need
+            call say(text(:len(text) - 1))
          end if
          call refuse_unsolved(plan, models, error)
       end if
@@ -84,7 +84,6 @@ contains
          text = labelled('transitions', 'none'//text//': the march is linear')
       end if
       if (cost%form /= '') text = labelled('exact march', cost%form)//text
-      text = text(:len(text) - 1)
    end function march_text
 
    !> Predicts which processes have a solution, and how realizations of the exact law are drawn, as
@@ -115,7 +114,7 @@ contains
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (0:n_steps, record) force file [N]; else size 0
       real(wp), intent(in) :: nanoseconds    !! time per step of a sample; known on the root
-      !> Lines without a final line feed; '' without a target, or if a process has no solution
+      !> Lines; '' without a target, or if a process has no solution
       character(:), allocatable, intent(out) :: text
       type(process_model_type), allocatable :: models(:)
       type(tradeoff_type) :: measured
@@ -152,7 +151,6 @@ contains
          end if
       end associate
       text = labelled('statistics', text)
-      text = text(:len(text) - 1)
    end subroutine predict_samples_needed
 
 end module driver_check

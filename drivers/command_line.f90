@@ -1,8 +1,9 @@
 !> Reads the command line: a command, a scene and options. Writes the help texts.
 module driver_command_line
+   use core_complaints, only: suggestion
    use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: long
-   use core_text, only: joined, nl => line_feed, parse_integer, suggestion
+   use core_text, only: joined, nl => line_feed, parse_integer
    use io_files, only: exists
    implicit none(type, external)
    private

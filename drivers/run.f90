@@ -64,7 +64,7 @@ contains
          return
       end if
 
-      if (choice /= '') call output%say(choice)
+      if (choice /= '') call output%say(choice(:len(choice) - 1))
       call solve_processes(world, plan, output%is_quiet, models, output, error)
       call output%stop_on(error)
       call end_if_requested(output)

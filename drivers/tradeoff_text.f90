@@ -2,8 +2,8 @@
 !> error, numbers of samples and steps, spectra, orders of processes and lengths of their fits.
 module driver_tradeoff_text
    use core_kinds, only: wp
-   use core_text, only: brief, counted, duration, labelled, line_feed, numbered, padded, to_text, &
-                        with_error
+   use core_text, only: brief, counted, duration, labelled, line_feed, numbered, row_text, &
+                        to_text, with_error
    use io_tradeoff_results, only: tradeoff_findings
    use numerics_sorting, only: sort_order
    use process_model, only: process_model_type
@@ -320,23 +320,6 @@ contains
          end associate
       end do
    end function fits_text
-
-   !> Row of a table: each cell fills the width of its column.
-   pure function row_text(columns, cells) result(text)
-      character(*), intent(in) :: columns   !! names, filled to the widths of the columns, between |
-      character(*), intent(in) :: cells     !! texts between |
-      character(:), allocatable :: names, rest, text
-
-      text = ''
-      names = columns//'|'
-      rest = cells//'|'
-      do while (len(names) > 0)
-         text = text//padded(trim(rest(:index(rest, '|') - 1)), index(names, '|') - 1)
-         names = names(index(names, '|') + 1:)
-         rest = rest(index(rest, '|') + 1:)
-      end do
-      text = trim(text)//line_feed
-   end function row_text
 
    !> A number, or '-' if it is not known.
    pure function known(value, is_known) result(text)

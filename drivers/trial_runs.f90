@@ -127,7 +127,7 @@ contains
       logical, intent(in) :: is_quiet
       type(scene_type), intent(inout) :: scene
       type(plan_type), intent(inout) :: plan
-      character(:), allocatable, intent(out) :: choice   !! text on the choice; '' without target
+      character(:), allocatable, intent(out) :: choice   !! lines on the choice; '' without target
       type(plan_type) :: trial   ! plan with at least a block of samples
       type(tradeoff_type) :: measured
       type(setting_row), allocatable :: rows(:)
@@ -170,7 +170,6 @@ contains
       choice = reason(rows(chosen), plan)
       scene%text = scene%text//line_feed//'! accuracy: '//choice//line_feed
       choice = labelled('accuracy', choice)
-      choice = choice(:len(choice) - 1)
    end subroutine choose_setting
 
    !> Text on a choice, as "event, tolerance 1e-3: the least work at the scene's dt that keeps slip

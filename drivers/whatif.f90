@@ -9,7 +9,8 @@ module driver_whatif
    use core_kinds, only: wp
    use core_source, only: new_source, source_type
    use core_terminal, only: say
-   use core_text, only: brief, labelled, line_feed, lowered, numbered, padded, to_text, with_error
+   use core_text, only: brief, labelled, line_feed, lowered, numbered, padded, row_text, to_text, &
+                        with_error
    use driver_campaign, only: refuse_unsolved
    use driver_command_line, only: command_line
    use driver_processes, only: solve_processes
@@ -288,20 +289,21 @@ contains
       real(wp), intent(in) :: percentiles(:)   !! [%]
       real(wp), intent(in) :: scale            !! factor on the statistics
       type(statistic_type), intent(in) :: rows(:, :)   !! (row, statistic)
-      character(:), allocatable :: text
+      character(:), allocatable :: cells, columns, text
       integer :: i, s
 
-      text = title//line_feed//padded(place, number_width)//padded('mean', cell_width)
+      columns = padded(place, number_width)//'|'//padded('mean', cell_width)
       do s = 1, size(percentiles)
-         text = text//padded(brief(percentiles(s))//' %', cell_width)
+         columns = columns//'|'//padded(brief(percentiles(s))//' %', cell_width)
       end do
-      text = text//last//line_feed
+      columns = columns//'|'//last
+      text = title//line_feed//row_text(columns, columns)
       do i = 1, size(rows, 1)
-         text = text//padded(to_text(numbers(i)), number_width)
+         cells = to_text(numbers(i))
          do s = 1, size(rows, 2)
-            text = text//padded(cell_text(rows(i, s), scale), cell_width)
+            cells = cells//'|'//cell_text(rows(i, s), scale)
          end do
-         text = trim(text)//line_feed
+         text = text//row_text(columns, cells)
       end do
    end function table_text
 

@@ -1,7 +1,7 @@
 !> The part of `entroslip check` on processes: a table, and the reasons why some have no solution.
 module config_process_summary
    use campaign_plan, only: plan_type
-   use core_text, only: brief, labelled, line_feed, numbered, padded, to_text
+   use core_text, only: brief, labelled, line_feed, numbered, padded, row_text, to_text
    use process_model, only: branch_note, process_model_type, process_request
    use process_reference, only: is_reference, law_name
    implicit none(type, external)
@@ -33,15 +33,16 @@ contains
    function process_table(plan, predicted) result(text)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: predicted(:)
-      character(:), allocatable :: text, order, law
+      character(:), allocatable :: columns, law, order, text
       integer :: i, width
 
       width = len('correlation') + 2
       do i = 1, min(size(plan%processes), max_rows)
          width = max(width, len(length_text(plan%processes(i))) + 2)
       end do
-      text = 'process  method         '//padded('correlation', width)// &
-             'order  mean   std     law        solution'//line_feed
+      columns = 'process  |method         |'//padded('correlation', width)// &
+                '|order  |mean   |std     |law        |solution'
+      text = row_text(columns, columns)
       do i = 1, min(size(plan%processes), max_rows)
          associate (p => plan%processes(i))
             order = to_text(p%order)
@@ -52,10 +53,9 @@ contains
                law = law_name(p)
                order = '-'
             end if
-            text = text//padded(numbered('p', i), 9)//padded(trim(p%method), 15)// &
-                   padded(length_text(p), width)//padded(order, 7)// &
-                   padded(brief(p%mean), 7)//padded(brief(p%std), 8)//padded(law, 11)// &
-                   solution_text(predicted(i))//line_feed
+            text = text//row_text(columns, numbered('p', i)//'|'//trim(p%method)//'|'// &
+                                  length_text(p)//'|'//order//'|'//brief(p%mean)//'|'// &
+                                  brief(p%std)//'|'//law//'|'//solution_text(predicted(i)))
          end associate
       end do
       if (size(plan%processes) > max_rows) &

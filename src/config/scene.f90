@@ -4,9 +4,9 @@ module config_scene
    use config_rules, only: check_rules
    use config_text_namelist, only: override_text
    use config_text_reader, only: reader_type
-   use core_complaints, only: complaint_list
+   use core_complaints, only: complaint_list, suggestion
    use core_source, only: read_source, source_type
-   use core_text, only: suggestion, to_text
+   use core_text, only: to_text
    use structure_model, only: most_dofs
    implicit none(type, external)
    private

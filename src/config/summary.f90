@@ -9,7 +9,7 @@ module config_summary
    use config_process_summary, only: is_fitted_by_simulation, max_rows, process_table
    use core_kinds, only: two_pi, wp
    use core_text, only: brief, counted, duration, joined, labelled, line_feed, lowered, numbered, &
-                        padded, size_text, to_text
+                        row_text, size_text, to_text
    use process_model, only: process_model_type
    use process_scaling, only: first_of_fit
    use structure_model, only: structure_type
@@ -19,7 +19,7 @@ module config_summary
 
 contains
 
-   !> Summary of a scene, without a final line feed.
+   !> Lines of the summary of a scene.
    function summary_text(scene, plan, nanoseconds, n_ranks, transitions, predicted, &
                          audit_nanoseconds, end_seconds) result(text)
       type(scene_type), intent(in) :: scene
@@ -55,7 +55,6 @@ contains
                       size_text(results_size(plan, transitions, predicted)))
       if (size(scene%unused) > 0) &
          text = text//labelled('note', 'given and not used: '//joined(scene%unused))
-      text = text(:len(text) - 1)
    end function summary_text
 
    !> Names of the parts that the plan computes, or of those that it does not.
@@ -94,12 +93,13 @@ contains
    function case_table(plan, level) result(text)
       type(plan_type), intent(in) :: plan
       character(*), intent(in) :: level   !! name of the value that the force levels differ in
-      character(:), allocatable :: levels, name, numbers, text
+      character(:), allocatable :: columns, levels, name, numbers, text
       integer :: first, n_levels
 
       n_levels = count(plan%cases%process == plan%cases(1)%process)
       levels = levels_text(plan%cases(:n_levels))
-      text = 'case       process  samples  '//level//line_feed
+      columns = 'case       |process  |samples  |'//level
+      text = row_text(columns, columns)
       do first = 1, size(plan%cases), n_levels
          if (first > max_rows*n_levels) then
             text = text//'... and '//to_text(size(plan%cases) - first + 1)//' more'//line_feed
@@ -110,8 +110,8 @@ contains
          name = 'none'
          associate (case => plan%cases(first))
             if (case%process > 0) name = numbered('p', case%process)
-            text = text//padded(numbers, 11)//padded(name, 9)//padded(to_text(case%n_samples), 9) &
-                   //levels//line_feed
+            text = text//row_text(columns, numbers//'|'//name//'|'//to_text(case%n_samples)// &
+                                  '|'//levels)
          end associate
       end do
    end function case_table

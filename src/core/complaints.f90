@@ -1,12 +1,12 @@
 !> Complaints about a scene and its files, in the order of their lines, each with its line and a
-!> caret below the offending character.
+!> caret below the offending character; the nearest known name of a misspelt one.
 module core_complaints
    use core_kinds, only: long
    use core_source, only: source_type
-   use core_text, only: line_feed, to_text
+   use core_text, only: joined, line_feed, lowered, to_text
    implicit none(type, external)
    private
-   public :: blank_hint, complaint_list, printable
+   public :: blank_hint, complaint_list, nearest_name, printable, suggestion
 
    integer, parameter :: max_kept = 200          !! complaints that are shown; others are counted
    integer, parameter :: window = 76             !! bytes of a line that are shown
@@ -135,6 +135,54 @@ contains
       if (index(word, utf8) > 0 .or. index(word, latin1) == 1) &
          hint = ' (it holds a non-breaking space, U+00A0: type a plain blank)'
    end function blank_hint
+
+   !> End of a complaint about an unknown name: the nearest known name, or else all of them.
+   pure function suggestion(name, known) result(text)
+      character(*), intent(in) :: name, known(:)
+      character(:), allocatable :: text
+
+      text = ', did you mean '//trim(nearest_name(name, known))//'?'
+      if (nearest_name(name, known) == '') text = '; there are '//joined(known)
+   end function suggestion
+
+   !> Known name nearest to a misspelt one, whatever the case; blank if more than a third of the
+   !> letters differ.
+   pure function nearest_name(name, known) result(nearest)
+      character(*), intent(in) :: name
+      character(*), intent(in) :: known(:)
+      character(len(known)) :: nearest
+      integer :: i, distance, least
+
+      nearest = ''
+      if (len(name) > len(known)) return
+      least = max(1, len(name)/3) + 1
+      do i = 1, size(known)
+         distance = edit_distance(lowered(name), lowered(trim(known(i))))
+         if (distance >= least) cycle
+         least = distance
+         nearest = known(i)
+      end do
+   end function nearest_name
+
+   !> Number of letters to insert, delete, replace or swap with a neighbour between two names.
+   pure integer function edit_distance(a, b) result(distance)
+      character(*), intent(in) :: a, b
+      integer :: d(0:len(a), 0:len(b)), i, j
+
+      d(:, 0) = [(i, i=0, len(a))]
+      d(0, :) = [(j, j=0, len(b))]
+      do j = 1, len(b)
+         do i = 1, len(a)
+            d(i, j) = min(d(i - 1, j) + 1, d(i, j - 1) + 1, &
+                          d(i - 1, j - 1) + merge(0, 1, a(i:i) == b(j:j)))
+            if (i > 1 .and. j > 1) then
+               if (a(i:i) == b(j - 1:j - 1) .and. a(i - 1:i - 1) == b(j:j)) &
+                  d(i, j) = min(d(i, j), d(max(i, 2) - 2, max(j, 2) - 2) + 1)
+            end if
+         end do
+      end do
+      distance = d(len(a), len(b))
+   end function edit_distance
 
    !> True if a byte continues a UTF-8 character, and so needs no column on the screen.
    elemental logical function is_continuation(byte)

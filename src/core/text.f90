@@ -1,12 +1,12 @@
-!> Text of numbers and numbers from text, the nearest known name of a misspelt one, and text of
-!> reports: counts, durations, sizes, lists, labelled lines.
+!> Text of numbers and numbers from text, and text of reports: counts, durations, sizes, lists,
+!> labelled lines, rows of tables.
 module core_text
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
-   public :: lowered, nearest_name, parse_integer, parse_real, rounded_text, to_text
+   public :: lowered, parse_integer, parse_real, rounded_text, to_text
    public :: brief, counted, duration, joined, labelled, numbered, numbers_text, padded, &
-             rounded_by_error, shell_word, size_text, suggestion, with_error
+             rounded_by_error, row_text, shell_word, size_text, with_error
 
    !> Text of a value in the fewest digits, without blanks: 7, -2.0, 1.5E-9, .true.
    interface to_text
@@ -192,45 +192,6 @@ contains
       end do
    end function lowered
 
-   !> Known name nearest to a misspelt one, whatever the case; blank if more than a third of the
-   !> letters differ.
-   pure function nearest_name(name, known) result(nearest)
-      character(*), intent(in) :: name
-      character(*), intent(in) :: known(:)
-      character(len(known)) :: nearest
-      integer :: i, distance, least
-
-      nearest = ''
-      if (len(name) > len(known)) return
-      least = max(1, len(name)/3) + 1
-      do i = 1, size(known)
-         distance = edit_distance(lowered(name), lowered(trim(known(i))))
-         if (distance >= least) cycle
-         least = distance
-         nearest = known(i)
-      end do
-   end function nearest_name
-
-   !> Number of letters to insert, delete, replace or swap with a neighbour between two names.
-   pure integer function edit_distance(a, b) result(distance)
-      character(*), intent(in) :: a, b
-      integer :: d(0:len(a), 0:len(b)), i, j
-
-      d(:, 0) = [(i, i=0, len(a))]
-      d(0, :) = [(j, j=0, len(b))]
-      do j = 1, len(b)
-         do i = 1, len(a)
-            d(i, j) = min(d(i - 1, j) + 1, d(i, j - 1) + 1, &
-                          d(i - 1, j - 1) + merge(0, 1, a(i:i) == b(j:j)))
-            if (i > 1 .and. j > 1) then
-               if (a(i:i) == b(j - 1:j - 1) .and. a(i - 1:i - 1) == b(j:j)) &
-                  d(i, j) = min(d(i, j), d(max(i, 2) - 2, max(j, 2) - 2) + 1)
-            end if
-         end do
-      end do
-      distance = d(len(a), len(b))
-   end function edit_distance
-
    !> Line of a report: a label, then a text, broken at blanks to a terminal's width.
    pure function labelled(label, text) result(lines)
       character(*), intent(in) :: label, text
@@ -248,6 +209,23 @@ contains
       end do
       lines = lines//text(first:)//line_feed
    end function labelled
+
+   !> Row of a table, with a line feed: each cell fills the width of its column.
+   pure function row_text(columns, cells) result(text)
+      character(*), intent(in) :: columns   !! names, filled to the widths of the columns, between |
+      character(*), intent(in) :: cells     !! texts between |
+      character(:), allocatable :: names, rest, text
+
+      text = ''
+      names = columns//'|'
+      rest = cells//'|'
+      do while (len(names) > 0)
+         text = text//padded(trim(rest(:index(rest, '|') - 1)), index(names, '|') - 1)
+         names = names(index(names, '|') + 1:)
+         rest = rest(index(rest, '|') + 1:)
+      end do
+      text = trim(text)//line_feed
+   end function row_text
 
    !> Text filled with blanks to a width, at least one.
    pure function padded(text, width)
@@ -271,15 +249,6 @@ contains
       end do
       if (text == '') text = 'nothing'
    end function joined
-
-   !> End of a complaint about an unknown name: the nearest known name, or else all of them.
-   pure function suggestion(name, known) result(text)
-      character(*), intent(in) :: name, known(:)
-      character(:), allocatable :: text
-
-      text = ', did you mean '//trim(nearest_name(name, known))//'?'
-      if (nearest_name(name, known) == '') text = '; there are '//joined(known)
-   end function suggestion
 
    !> Path as a word of a shell command, quoted if it has blanks or other special characters.
    pure function shell_word(path) result(word)

@@ -4,9 +4,10 @@ module config_text_reader
    use config_text_namelist, only: assignment_type, document_type
    use config_text_tokens, only: token_comma, token_quoted, token_type, token_word
    use config_text_value_table, only: choice_length, entry_type, name_length, word_type
+   use core_complaints, only: nearest_name, suggestion
    use core_kinds, only: long, wp
    use core_table, only: words_of
-   use core_text, only: lowered, nearest_name, parse_integer, parse_real, suggestion, to_text
+   use core_text, only: lowered, parse_integer, parse_real, to_text
    implicit none(type, external)
    private
    public :: reader_type
