@@ -52,8 +52,11 @@ make_venv() {
   [ -e "$stamp" ] && return
   say "Python packages into .venv"
   python3 -m venv .venv
-  .venv/bin/pip install --quiet --disable-pip-version-check -r "$1"
-  .venv/bin/pip install --quiet --disable-pip-version-check --no-deps --editable .
+  # pip would compile all of six thousand files. A fifth of them is imported, and compiled in a tenth of the time.
+  local install=(.venv/bin/pip install --quiet --disable-pip-version-check --no-compile)
+  "${install[@]}" -r "$1"
+  "${install[@]}" --no-deps --editable .
+  PYTHONDONTWRITEBYTECODE='' .venv/bin/python -c 'import entroslip.__main__'
   touch "$stamp"
 }
 
