@@ -4,8 +4,8 @@
 !> Loops over lanes have constant length, and all arrays are aligned to 64 bytes.
 module dynamics_exact_free_steps
    use core_kinds, only: long, wp
-   use dynamics_exact_joint_paths, only: joint_paths, regime_reach, regime_side, regime_slider, &
-                                         width
+   use dynamics_exact_joint_paths, only: joint_paths, n_spare, regime_reach, regime_side, &
+                                         regime_slider, width
    use dynamics_exact_powers, only: next_power
    use dynamics_exact_series, only: most_degree, series_type
    implicit none(type, external)
@@ -80,75 +80,79 @@ contains
    !> Finds the values of all paths at the end of the part, and lists the candidates.
    subroutine find_candidates(paths)
       type(joint_paths), intent(inout) :: paths
-      real(wp) :: least(width)
       integer(long) :: word
-      integer :: e, n
+      integer :: e, k, n, n_hits
 
-      n = 0
-      least = huge(1.0_wp)
       associate (x => paths%x, start => paths%layer(0), finish => paths%finish(0))
-         do e = 1, size(paths%joint)
-            call find_row_candidates(paths%degree, paths, e, x(1, 1, start), x(1, 1, 2), &
-                                     paths%regime, x(1, 1, finish), least, word)
-            do while (word /= 0_long)
-               n = n + 1
-               paths%candidate(n) = width*(paths%joint(e) - 1) + trailz(word) + 1
-               word = iand(word, word - 1_long)
-            end do
-         end do
+         call find_hits(paths%degree, paths, x(1, 1, start), x(1, 1, 2), paths%regime, &
+                        x(1, 1, finish), paths%least_guard, paths%hits)
       end associate
+      n = 0
+      do e = 1, size(paths%hits)
+         word = paths%hits(e)
+         n_hits = popcnt(word)
+         do k = 1, max(n_spare, n_hits)   ! a branch on n_hits alone would be mispredicted
+            paths%candidate(n + k) = width*(paths%joint(e) - 1) + trailz(word) + 1
+            word = iand(word, word - 1_long)
+         end do
+         n = n + n_hits
+      end do
       paths%n_candidates = n
-      paths%least_guard = least
    end subroutine find_candidates
 
-   !> Finds the end of a row's path, and lower bounds of the guards of its joint. A path leaves its
+   !> Finds the ends of the paths, and lower bounds of the guards of their joints. A path leaves its
    !> chord by at most max |x''|/8 <= sum k (k - 1)/8 |x_k|, a velocity by sum k (k - 1)(k - 2)/8
    !> |x_k| (3). The guard of a chord is least at one of its ends.
-   subroutine find_row_candidates(degree, paths, entry, start, x, regime, finish, least, word)
+   pure subroutine find_hits(degree, paths, start, x, regime, finish, least, hits)
       integer, intent(in) :: degree
       type(joint_paths), intent(in) :: paths
-      integer, intent(in) :: entry
       real(wp), intent(in) :: start(width, paths%n_padded, 0:1)   !! powers 0 and 1
       real(wp), intent(in) :: x(width, paths%n_padded, 2:degree)
       real(wp), intent(in) :: regime(width, paths%n_joints + 1, 4)
       real(wp), intent(inout) :: finish(width, paths%n_padded, 0:1)
-      real(wp), intent(inout) :: least(width)   !! see joint_paths
-      integer(long), intent(out) :: word   !! bit l - 1 is 1 if the joint of lane l is a candidate
+      real(wp), intent(out) :: least(width)       !! see joint_paths
+      integer(long), intent(out) :: hits(:)       !! see joint_paths
       real(wp), dimension(width) :: guard, path, turn, velocity
-      integer(long) :: hits(width)
-      integer :: i, j, k, l
+      integer(long) :: word
+      integer :: e, i, j, k, l
 
-      i = paths%joint_row(entry)
-      j = paths%joint(entry)
-      path = 0.0_wp
-      velocity = 0.0_wp
-      turn = 0.0_wp
-      k = degree
-      do   ! with the exit at the end: sums stay in registers
-         path = path + x(:, i, k)
-         velocity = velocity + power(k)*x(:, i, k)
-         turn = turn + bend(k)*abs(x(:, i, k))
-         k = k - 1
-         if (k < 3) exit
+      least = huge(1.0_wp)
+      do e = 1, size(hits)
+         i = paths%joint_row(e)
+         j = paths%joint(e)
+         path = x(:, i, degree)
+         velocity = power(degree)*path
+         turn = bend(degree)*abs(path)
+         k = degree - 1
+         do   ! with the exit at the end: sums stay in registers
+            path = path + x(:, i, k)
+            velocity = velocity + power(k)*x(:, i, k)
+            turn = turn + bend(k)*abs(x(:, i, k))
+            k = k - 1
+            if (k < 3) exit
+         end do
+         word = 0_long
+         do l = 1, width
+            path(l) = start(l, i, 0) + (start(l, i, 1) + (x(l, i, 2) + path(l)))
+            velocity(l) = start(l, i, 1) + (2.0_wp*x(l, i, 2) + velocity(l))
+            finish(l, i, 0) = path(l)
+            finish(l, i, 1) = velocity(l)
+            guard(l) = max(abs(start(l, i, 0) - regime(l, j, regime_slider)), &
+                           abs(path(l) - regime(l, j, regime_slider)))
+            guard(l) = (1.0_wp - margin)*regime(l, j, regime_reach) - guard(l) &
+                       - 0.25_wp*abs(x(l, i, 2))
+            velocity(l) = min(regime(l, j, regime_side)*start(l, i, 1), &
+                              regime(l, j, regime_side)*velocity(l)) &
+                          - margin*regime(l, j, regime_reach)
+            guard(l) = merge(velocity(l), guard(l), abs(regime(l, j, regime_side)) > 0.0_wp) &
+                       - turn(l)
+            ! the bit of the lane, if its guard has a sign
+            word = ior(word, iand(bit(l), shifta(transfer(guard(l), 0_long), 63)))
+         end do
+         hits(e) = word
+         if (allocated(paths%coupling)) &
+            least = min(least, merge(guard, huge(1.0_wp), guard >= 0.0_wp))
       end do
-      do l = 1, width
-         path(l) = start(l, i, 0) + (start(l, i, 1) + (x(l, i, 2) + path(l)))
-         velocity(l) = start(l, i, 1) + (2.0_wp*x(l, i, 2) + velocity(l))
-         finish(l, i, 0) = path(l)
-         finish(l, i, 1) = velocity(l)
-         guard(l) = max(abs(start(l, i, 0) - regime(l, j, regime_slider)), &
-                        abs(path(l) - regime(l, j, regime_slider)))
-         guard(l) = (1.0_wp - margin)*regime(l, j, regime_reach) - guard(l) &
-                    - 0.25_wp*abs(x(l, i, 2))
-         velocity(l) = min(regime(l, j, regime_side)*start(l, i, 1), &
-                           regime(l, j, regime_side)*velocity(l)) &
-                       - margin*regime(l, j, regime_reach)
-         guard(l) = merge(velocity(l), guard(l), abs(regime(l, j, regime_side)) > 0.0_wp) - turn(l)
-         hits(l) = iand(bit(l), shifta(transfer(guard(l), 0_long), 63))   ! the guard's sign bit
-      end do
-      if (allocated(paths%coupling)) &
-         least = min(least, merge(guard, huge(1.0_wp), guard >= 0.0_wp))
-      word = iany(hits)
-   end subroutine find_row_candidates
+   end subroutine find_hits
 
 end module dynamics_exact_free_steps

@@ -7,10 +7,11 @@ module dynamics_exact_joint_paths
    use dynamics_response, only: block_state
    implicit none(type, external)
    private
-   public :: joint_paths, local_responses, padded_rows, width
+   public :: joint_paths, local_responses, n_spare, padded_rows, width
    public :: regime_slider, regime_reach, regime_side, regime_spring
 
    integer, parameter :: width = 32   !! lanes: samples marched side by side
+   integer, parameter :: n_spare = 2   !! candidates of a joint that are listed without a branch
    !> Third index of a regime: z [m], reach mu N/k [m], direction of slip (0: stuck), and weight of
    !> the spring in the equation of the joint's row (0 without friction)
    integer, parameter :: regime_slider = 1, regime_reach = 2, regime_side = 3, regime_spring = 4
@@ -42,6 +43,7 @@ module dynamics_exact_joint_paths
       !> Candidates: joints whose guards may have a zero in the part, as 32 (joint - 1) + lane
       integer :: n_candidates = 0
       integer, allocatable :: candidate(:)
+      integer(long), allocatable :: hits(:)   !! (entry) bit l - 1 is 1 if lane l is a candidate
       logical :: is_remarched(width) = .false.   !! True for samples marched through the part again
       logical, allocatable :: is_shared(:)       !! (joint) True if other joints are on its row
       type(local_responses) :: responses         !! in modes, no joint is local
@@ -88,11 +90,11 @@ contains
       self%n_rows = size(base)
       self%n_joints = size(row)
       if (allocated(self%row)) deallocate (self%row, self%base, self%spring, self%candidate, &
-                                           self%layer)
+                                           self%hits, self%layer)
       allocate (self%row, source=row)   ! an assignment would read undefined bounds (gfortran 12)
       allocate (self%base, source=base)
       allocate (self%spring, source=spring)
-      allocate (self%candidate(width*self%n_joints))
+      allocate (self%candidate(width*self%n_joints + n_spare))
       if (.not. allocated(self%responses%is_local)) then
          allocate (self%responses%is_local(self%n_joints), source=.false.)
          allocate (self%responses%undisturbed_span(0, 0))
@@ -101,6 +103,7 @@ contains
       self%is_shared = [(count(row == row(j)) > 1, j=1, self%n_joints)]
       self%joint_row = [row, pack([(r, r=1, self%n_rows)], [(all(row /= r), r=1, self%n_rows)])]
       self%joint = [(min(j, self%n_joints + 1), j=1, size(self%joint_row))]
+      allocate (self%hits(size(self%joint)))
       allocate (self%layer(0:degree), source=[(j, j=0, degree)])
       self%finish = [degree + 1, degree + 2]
       self%spare = [degree + 3, degree + 4]
