@@ -56,7 +56,7 @@ contains
       if (is_stopped) return
       if (.not. is_quiet) &
          call say(to_text(size(tradeoff%tasks))//' trial marches, '// &
-                  duration(tradeoff%seconds/world%n_ranks)//' on '// &
+                  duration(sum(tradeoff%seconds)/world%n_ranks)//' on '// &
                   counted(world%n_ranks, 'rank', 'ranks'))
       call share_tasks(world, tradeoff, is_quiet, error)
       is_stopped = world%any_true(time_to_stop())
@@ -86,7 +86,7 @@ contains
       type(progress_type) :: progress
       real(wp) :: cost(size(tradeoff%tasks))
       integer :: owner(size(tradeoff%tasks))
-      integer :: i, n
+      integer :: done, i, n
 
       n = size(tradeoff%tasks)
       owner = -1
@@ -95,7 +95,8 @@ contains
       do
          i = counter%next(stops=time_to_stop() .or. allocated(error))
          if (i == 0) exit
-         call progress%show(max(i - world%n_ranks, 0))
+         done = max(i - world%n_ranks, 0)
+         call progress%show(done, sum(tradeoff%seconds(:done))/sum(tradeoff%seconds))
          call run_task(tradeoff, i, time_to_stop, error)
          owner(i) = world%rank
       end do

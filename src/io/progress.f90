@@ -54,9 +54,10 @@ contains
    end subroutine start
 
    !> Prints or redraws the line if the interval since the last one is over.
-   subroutine show(self, done)
+   subroutine show(self, done, share)
       class(progress_type), intent(inout) :: self
       integer, intent(in) :: done   !! items done, with those of an earlier run
+      real(wp), intent(in), optional :: share   !! of the work that is done, if items differ in it
       character(:), allocatable :: text
       integer(long) :: now, rate
       real(wp) :: seconds
@@ -66,7 +67,7 @@ contains
       seconds = real(now - self%started, wp)/real(rate, wp)
       if (seconds < self%next_line) return
       self%next_line = seconds + self%interval
-      text = progress_text(done, self%done_before, self%total, seconds, self%noun)
+      text = progress_text(done, self%done_before, self%total, seconds, self%noun, share)
       if (self%is_redrawn) then
          call redraw(self, text)
       else
@@ -93,24 +94,31 @@ contains
       self%width = len(text)
    end subroutine redraw
 
-   !> Progress line, such as '412 of 1200 samples, 34 %, 5.2 a second, 2.5 min left'.
-   pure function progress_text(done, done_before, total, seconds, noun) result(text)
+   !> Progress line, such as '412 of 1200 samples, 34 %, 5.2 a second, 2.5 min left'; without the
+   !> rate if items differ in work.
+   pure function progress_text(done, done_before, total, seconds, noun, share) result(text)
       integer, intent(in) :: done, done_before, total
       real(wp), intent(in) :: seconds   !! time for the items after done_before
       character(*), intent(in) :: noun
+      real(wp), intent(in), optional :: share   !! as in show
       character(:), allocatable :: text
-      real(wp) :: rate
+      real(wp) :: finished, rate, remaining   ! share; items a second; time [s]
 
+      finished = real(done, wp)/max(total, 1)
+      if (present(share)) finished = share
       text = to_text(done)//' of '//to_text(total)//' '//noun//', '// &
-             to_text(int(100.0_wp*done/max(total, 1)))//' %'
+             to_text(int(100.0_wp*finished))//' %'
       if (done <= done_before .or. .not. seconds > 0.0_wp) return
       rate = (done - done_before)/seconds
-      if (rate >= 1.0_wp) then
+      remaining = (total - done)/rate
+      if (present(share)) then
+         remaining = seconds*(1.0_wp - share)/share
+      else if (rate >= 1.0_wp) then
          text = text//', '//to_text(anint(10.0_wp*rate)/10.0_wp)//' a second'
       else
          text = text//', '//to_text(anint(600.0_wp*rate)/10.0_wp)//' a minute'
       end if
-      text = text//', '//duration((total - done)/rate)//' left'
+      text = text//', '//duration(remaining)//' left'
    end function progress_text
 
 end module io_progress

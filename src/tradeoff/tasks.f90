@@ -68,7 +68,6 @@ module tradeoff_tasks
       type(setting_type) :: common_setting  !! setting of all tasks but setting tasks, counted
       real(wp) :: time_over_expected = 1.0_wp      !! measured over expected cost of the references
       real(wp) :: history_time = 0.0_wp     !! time that histories add to a step of a sample [ns]
-      real(wp) :: seconds = 0.0_wp          !! expected processor time of all tasks [s]
       real(wp) :: sample_steps = 0.0_wp     !! sum of the steps of all samples of the scene
       type(level_type), allocatable :: levels(:)
       integer, allocatable :: every(:)             !! (spectrum) every k-th step enters the spectra
@@ -76,6 +75,7 @@ module tradeoff_tasks
       integer, allocatable :: cases(:)             !! case numbers of the samples tasks
       integer, allocatable :: n_cases(:)           !! (case) cases that may share its samples
       type(task_type), allocatable :: tasks(:)     !! the most expensive first
+      real(wp), allocatable :: seconds(:)          !! (task) expected processor time [s]
       integer :: n_segments = 0             !! Welch segments of the scene's spectra; 0: no spectra
       integer :: n_variant_samples = 0                 !! samples of a variant's march
       type(task_result), allocatable :: results(:)       !! (task)
@@ -248,6 +248,7 @@ contains
       type(tradeoff_type), intent(inout) :: tradeoff
       type(task_type), allocatable :: tasks(:)
       real(wp), allocatable :: cost(:)
+      integer, allocatable :: order(:)
       integer :: i, k, n_levels
 
       n_levels = size(tradeoff%levels)
@@ -266,8 +267,9 @@ contains
                   (task_type(samples_task, i, 0), i=1, size(tradeoff%cases))]
       end if
       cost = [(cost_of(tradeoff, tasks(i)), i=1, size(tasks))]
-      tradeoff%tasks = tasks(sort_order(-cost))
-      tradeoff%seconds = 1.0e-9_wp*tradeoff%time_over_expected*sum(cost)
+      order = sort_order(-cost)
+      tradeoff%tasks = tasks(order)
+      tradeoff%seconds = 1.0e-9_wp*tradeoff%time_over_expected*cost(order)
    end subroutine list_tasks
 
    !> Expected cost of a task [ns], as expected_cost has it.
