@@ -195,7 +195,7 @@ contains
       type(case_pool), intent(in) :: pools(:)
       type(case_estimates), intent(in) :: estimates(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: samples
+      character(:), allocatable :: samples, tables
       integer :: c, i, p
       logical :: has_all, has_any
 
@@ -209,13 +209,15 @@ contains
                if (i > 1) samples = samples//', '
                samples = samples//to_text(pools(p)%n_fitted(i))//' of '//numbered('c', c)
             else
-               call say(labelled('law', law_text(plan%processes(plan%cases(c)%process))) &
-                        //labelled('force', force_text(plan, plan%cases(c))) &
-                        //labelled('samples', samples)//tables_text(plan, estimates(c)%best))
                associate (is_near => estimates(c)%best%numbers%ratio <= most_extrapolation)
+                  tables = '-'
+                  if (any(is_near)) tables = tables_text(plan, estimates(c)%best)
                   has_all = has_all .and. all(is_near)
                   has_any = has_any .or. any(is_near)
                end associate
+               call say(labelled('law', law_text(plan%processes(plan%cases(c)%process))) &
+                        //labelled('force', force_text(plan, plan%cases(c))) &
+                        //labelled('samples', samples)//tables)
             end if
          end do
       end do

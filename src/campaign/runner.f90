@@ -111,7 +111,7 @@ contains
                 ' modes are above 1/(2 dt) = '//brief(limit)//' Hz'
          if (count(frequency > limit) > &
              count(any(abs(marcher%structure%direction) > 0.0_wp, dim=2))) &
-            text = text//': the importer''s --modes leaves them out'
+            text = text//': the importer''s --modes leaves out all but those of the joints'
       end associate
    end function high_modes_text
 
