@@ -8,8 +8,8 @@ module structure_model
    use core_kinds, only: two_pi, wp
    use core_memory, only: can_allocate
    use core_text, only: brief, to_text
-   use numerics_lapack, only: multiply, solve_positive_definite, solve_symmetric_eigenproblem, &
-                              unit_matrix
+   use numerics_lapack, only: find_symmetric_eigenvectors, multiply, solve_positive_definite, &
+                              solve_symmetric_eigenproblem, unit_matrix
    implicit none(type, external)
    private
    public :: build_structure, damping_type, part_names, structure_type
@@ -20,7 +20,7 @@ module structure_model
    integer, parameter :: most_dofs = 32766
    real(wp), parameter :: least_share = 1.0e-10_wp   !! eigenvalue over the largest that is not zero
    real(wp), parameter :: least_gap = 100.0_wp       !! eigenvalue over that of a zero mode below it
-   real(wp), parameter :: rounding = 10.0_wp*epsilon(1.0_wp)   !! of an eigenvalue over the largest
+   real(wp), parameter :: rounding = 10.0_wp*epsilon(1.0_wp)   !! of an energy over its terms
 
    !> One structure. Matrices are full.
    type :: structure_type
@@ -84,7 +84,6 @@ contains
       type(part_names), intent(in) :: names
       type(structure_type), intent(inout) :: structure
       type(error_type), allocatable, intent(out) :: error
-      integer :: j, n_zero
 
       structure%n_dof = size(structure%mass, 1)
       structure%n_joints = size(structure%joint_stiffness)
@@ -94,13 +93,9 @@ contains
          call raise(error, exit_bad_input, names%mass//': a mass matrix must be positive definite')
          return
       end if
-      call find_modes(structure%stiffness, structure%mass, structure%frequencies_slip, n_zero, &
-                      error)
+      call find_modes(.false., names%stiffness, structure, structure%frequencies_slip, error)
       if (allocated(error)) return
-      call find_modes(structure%stuck_stiffness([(.true., j=1, structure%n_joints)]), &
-                      structure%mass, structure%frequencies_stuck, structure%n_zero_modes, error, &
-                      structure%modes_stuck, names%stiffness, structure%joint_stiffness, &
-                      structure%direction)
+      call find_modes(.true., names%stiffness, structure, structure%frequencies_stuck, error)
       if (allocated(error)) return
       call form_damping(damping, names%damping, structure, error)
    end subroutine build_structure
@@ -196,67 +191,114 @@ contains
       end do
    end function stuck_stiffness
 
-   !> Finds natural frequencies [Hz], ascending, negative for negative eigenvalues, and, if wanted,
-   !> mass-normalized modes (dof, mode).
-   !>
-   !> An eigenvalue below 1e-10 of the largest has few correct digits: its Rayleigh quotient
-   !> replaces it. If that is below 1e-10 of the sum of its absolute terms, and below 1/100 of the
-   !> next eigenvalue (low modes of a fine mesh are nearer to each other), the mode is a zero mode,
-   !> unless stuck joints have more than half of its energy, beyond rounding.
-   !> With all joints stuck the last three are given; a more negative eigenvalue is then refused.
-   subroutine find_modes(stiffness, mass, frequencies, n_zero, error, modes, name, &
-                         joint_stiffness, direction)
-      real(wp), intent(in) :: stiffness(:, :), mass(:, :)   !! (dof, dof) [N/m], [kg]
+   !> Finds natural frequencies [Hz], ascending, negative for negative eigenvalues, with all joints
+   !> stuck or all slipping. With all stuck also finds mass-normalized modes and the number of zero
+   !> modes, and refuses a negative eigenvalue.
+   subroutine find_modes(are_stuck, name, structure, frequencies, error)
+      logical, intent(in) :: are_stuck
+      character(*), intent(in) :: name   !! name of K in messages
+      type(structure_type), intent(inout) :: structure
       real(wp), allocatable, intent(out) :: frequencies(:)
-      integer, intent(out) :: n_zero
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable, intent(out), optional :: modes(:, :)
-      character(*), intent(in), optional :: name            !! name of K in the message
-      real(wp), intent(in), optional :: joint_stiffness(:), direction(:, :)   !! w (dof, joint)
-      real(wp), allocatable :: eigenvalues(:), vectors(:, :)
-      real(wp) :: above, energy, largest, of_joints, terms
-      integer :: r
-      logical :: needs_vectors
+      real(wp), allocatable :: eigenvalues(:), modes(:, :), stiffness(:, :)
+      integer :: j, n_zero
+      logical :: needs_modes
 
       n_zero = 0
-      needs_vectors = present(modes)
-      if (.not. needs_vectors) then
-         call solve_symmetric_eigenproblem(stiffness, mass, eigenvalues, error)
+      needs_modes = are_stuck
+      stiffness = structure%stuck_stiffness([(are_stuck, j=1, structure%n_joints)])
+      if (.not. needs_modes) then
+         call solve_symmetric_eigenproblem(stiffness, structure%mass, eigenvalues, error)
          if (allocated(error)) return
-         needs_vectors = minval(abs(eigenvalues)) <= least_share*maxval(abs(eigenvalues))
+         needs_modes = minval(abs(eigenvalues)) <= least_share*maxval(abs(eigenvalues))
       end if
-      if (needs_vectors) &
-         call solve_symmetric_eigenproblem(stiffness, mass, eigenvalues, error, vectors)
+      if (needs_modes) &
+         call solve_symmetric_eigenproblem(stiffness, structure%mass, eigenvalues, error, modes)
       if (allocated(error)) return
-      largest = maxval(abs(eigenvalues))
-      of_joints = 0.0_wp
-      if (present(name) .and. eigenvalues(1) < -least_share*largest) then
+      if (are_stuck .and. eigenvalues(1) < -least_share*maxval(abs(eigenvalues))) &
          call raise(error, exit_bad_input, name//': with all joints stuck, the least '// &
                     'eigenvalue over M is '//brief(eigenvalues(1))//' 1/s^2: must not be '// &
                     'negative, the structure would buckle')
-         return
-      end if
-      above = huge(1.0_wp)
-      do r = size(eigenvalues), 1, -1
-         if (abs(eigenvalues(r)) <= least_share*largest) then
-            associate (mode => vectors(:, r))
-               energy = dot_product(mode, matmul(stiffness, mode))
-               terms = dot_product(abs(mode), matmul(abs(stiffness), abs(mode)))
-               if (present(name)) of_joints = sum(joint_stiffness*matmul(mode, direction)**2)
-            end associate
-            if (energy <= least_share*terms .and. &
-                of_joints <= max(0.5_wp*abs(energy), rounding*largest) .and. &
-                (n_zero > 0 .or. above > least_gap*energy)) then
-               energy = 0.0_wp
-               n_zero = n_zero + 1
-            end if
-            eigenvalues(r) = energy
-         end if
-         above = eigenvalues(r)
-      end do
+      if (needs_modes .and. .not. allocated(error)) &
+         call find_low_modes(structure%stiffness, merge(structure%joint_stiffness, 0.0_wp, &
+                                                        are_stuck), &
+                             structure%direction, name, eigenvalues, modes, n_zero, error)
+      if (allocated(error)) return
       allocate (frequencies, source=sign(sqrt(abs(eigenvalues)), eigenvalues)/two_pi)
-      if (present(modes)) call move_alloc(vectors, modes)
+      if (.not. are_stuck) return
+      structure%n_zero_modes = n_zero
+      call move_alloc(modes, structure%modes_stuck)
    end subroutine find_modes
+
+   !> Finds eigenvalues below 1e-10 of the largest, which have few correct digits, and their modes,
+   !> from the energies of K and of the joints among these modes (Rayleigh-Ritz).
+   !>
+   !> An energy of K below the rounding of its terms is zero. One below 1e-10 of them, and 1/100 of
+   !> the next eigenvalue (low modes of a fine mesh are nearer to each other), may come from rounded
+   !> entries of K: the mode is a zero mode if joints do not hold it, and refused if they hold it by
+   !> less. An energy e that is rounding adds e/a of the mode of the next eigenvalue a to a zero
+   !> mode, so joints hold a mode if their energy in it exceeds e^2/a.
+   subroutine find_low_modes(stiffness, joint_stiffness, direction, name, eigenvalues, modes, &
+                             n_zero, error)
+      real(wp), intent(in) :: stiffness(:, :)                       !! K (dof, dof)
+      real(wp), intent(in) :: joint_stiffness(:), direction(:, :)   !! (joint), (dof, joint)
+      character(*), intent(in) :: name                              !! name of K in the message
+      real(wp), intent(inout) :: eigenvalues(:)                     !! (mode), ascending
+      real(wp), intent(inout) :: modes(:, :)                        !! (dof, mode)
+      integer, intent(out) :: n_zero
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable, dimension(:, :) :: extension, of_k, terms, vectors
+      real(wp) :: above, largest, of_joints, outside
+      integer :: first, i, j, last
+
+      n_zero = 0
+      largest = maxval(abs(eigenvalues))
+      first = 1 + count(eigenvalues < -least_share*largest)
+      last = first - 1 + count(abs(eigenvalues) <= least_share*largest)
+      if (last < first) return
+      outside = huge(1.0_wp)
+      if (last < size(eigenvalues)) outside = eigenvalues(last + 1)
+      above = outside
+      associate (low => modes(:, first:last), eigenvalue => eigenvalues(first:last))
+         call find_energies(stiffness, low, of_k, terms)
+         extension = matmul(transpose(direction), low)   ! (joint, mode)
+         vectors = of_k + matmul(transpose(extension), &
+                                 extension*spread(joint_stiffness, 2, size(low, 2)))
+         call find_symmetric_eigenvectors(vectors, eigenvalue, error)
+         if (allocated(error)) return
+         low = matmul(low, vectors)
+         call find_energies(stiffness, low, of_k, terms)
+         extension = matmul(transpose(direction), low)
+         do i = size(low, 2), 1, -1
+            of_joints = sum(joint_stiffness*extension(:, i)**2)
+            eigenvalue(i) = of_k(i, i) + of_joints
+            if (abs(of_k(i, i)) <= least_share*terms(i, i) .and. &
+                (n_zero > 0 .or. above > least_gap*of_k(i, i))) then
+               if (of_joints <= (rounding*largest + 10.0_wp*abs(of_k(i, i)))**2/outside) then
+                  eigenvalue(i) = 0.0_wp
+                  n_zero = n_zero + 1
+               else if (of_joints <= abs(of_k(i, i))) then
+                  call raise(error, exit_bad_input, name//': with all joints stuck, joints hold a mode by '// &
+                             brief(of_joints)//' 1/s^2 and K by '//brief(of_k(i, i))// &
+                             ', which may be rounding of its entries: give K with more digits')
+                  return
+               end if
+            end if
+            above = eigenvalue(i)
+         end do
+      end associate
+   end subroutine find_low_modes
+
+   !> Finds the energies of K among modes, zero where they are below the rounding of their terms, and
+   !> the sums of the absolute terms (mode, mode).
+   pure subroutine find_energies(stiffness, modes, energy, terms)
+      real(wp), intent(in) :: stiffness(:, :), modes(:, :)
+      real(wp), allocatable, intent(out) :: energy(:, :), terms(:, :)
+
+      energy = matmul(transpose(modes), matmul(stiffness, modes))
+      terms = matmul(transpose(abs(modes)), matmul(abs(stiffness), abs(modes)))
+      where (abs(energy) <= rounding*terms) energy = 0.0_wp
+   end subroutine find_energies
 
    !> Modal damping C = M Phi diag(2 zeta omega) Phi' M (dof, dof) [N s/m].
    function modal_damping(mass, modes, ratio, frequencies) result(damping)
