@@ -15,8 +15,9 @@ module dynamics_exact_modal_ledger
 
    integer, parameter :: most_items = 12   !! items of a block with two ports and I_0 .. I_4
 
-   !> Work is in J. The items of a block are p' at the start, then S I_0 .. S I_n of each port, to
-   !> which the rise of the force is added as a uniform motion (M9).
+   !> Work is in J. The items of a block are p' at the start, then of each port the uniform motion
+   !> S I_0 plus the rise of the force, and S I_k - S I_0/(k + 1)!, k = 1 .. n, what the moments
+   !> differ from those of a uniform motion (M9).
    type :: modal_ledger
       logical :: is_ready = .false.
       integer, private :: ports = 1
@@ -116,7 +117,10 @@ contains
                  of_blocks => [(2*chosen(b) - 1, 2*chosen(b), b=1, size(chosen))])
          q(rates, rates) = metric(of_blocks, of_blocks)
       end associate
-      do k = 0, ubound(fit, 1)   ! f'(t) = sum I_k fit(k, p) (-p) (1 - t)^(p - 1)
+      do i = 3, 2 + blocks%ports
+         moments(i, i) = 1.0_wp
+      end do
+      do k = 1, ubound(fit, 1)   ! f'(t) = sum I_k fit(k, p) (-p) (1 - t)^(p - 1)
          do d = 0, ubound(fit, 1)
             do i = 3, 2 + blocks%ports
                moments(i + blocks%ports*d, i + blocks%ports*k) = &
@@ -194,8 +198,10 @@ contains
                rise = rise + load(row, f)*force(:, f, 1)
             end do
             column = 2 + row - self%ports*(block - 1)
-            do k = 0, (n - 2)/self%ports - 1
-               items(:, column + self%ports*k) = slider_moments(:, row, k) + integral(1, k)*rise
+            items(:, column) = slider_moments(:, row, 0) + rise
+            do k = 1, (n - 2)/self%ports - 1
+               items(:, column + self%ports*k) = slider_moments(:, row, k) &
+                                                 - integral(1, k)*slider_moments(:, row, 0)
             end do
          end do
       end subroutine find_items
