@@ -256,6 +256,10 @@ contains
       if (structure%n_zero_modes > 0) &
         text = text//labelled('zero modes', to_text(structure%n_zero_modes)//' with all joints '// &
                                'stuck: the structure moves there without force')
+      if (structure%dropped_frequency > 0.0_wp) &
+         text = text//labelled('note', 'what K holds zero modes by, up to '// &
+                               brief(structure%dropped_frequency)//' Hz, is below 1e-10 of its '// &
+                               'terms and taken as rounding')
       if (any(structure%damping_ratio > unusual)) &
          text = text//labelled('note', 'damping_ratio = '// &
                                brief(maxval(structure%damping_ratio))//' is above '// &

@@ -38,6 +38,7 @@ module structure_model
       real(wp), allocatable :: damping_ratio(:)      !! (mode); size 0: C is not modal damping
       real(wp) :: fastest_decay = 0.0_wp             !! largest eigenvalue of M^-1 C [1/s]
       integer :: n_zero_modes = 0                    !! rigid motions with all joints stuck
+      real(wp) :: dropped_frequency = 0.0_wp         !! of zero modes, by what K has in them [Hz]
       real(wp), allocatable :: frequencies_stuck(:)  !! (mode) [Hz], ascending
       real(wp), allocatable :: modes_stuck(:, :)     !! Phi (dof, mode), Phi' M Phi = 1
       real(wp), allocatable :: frequencies_slip(:)   !! (mode) [Hz], ascending; negative: unstable
@@ -192,8 +193,8 @@ contains
    end function stuck_stiffness
 
    !> Finds natural frequencies [Hz], ascending, negative for negative eigenvalues, with all joints
-   !> stuck or all slipping. With all stuck also finds mass-normalized modes and the number of zero
-   !> modes, and refuses a negative eigenvalue.
+   !> stuck or all slipping, and the number of zero modes. With all stuck also finds
+   !> mass-normalized modes, and refuses a negative eigenvalue.
    subroutine find_modes(are_stuck, name, structure, frequencies, error)
       logical, intent(in) :: are_stuck
       character(*), intent(in) :: name   !! name of K in messages
@@ -201,10 +202,9 @@ contains
       real(wp), allocatable, intent(out) :: frequencies(:)
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: eigenvalues(:), modes(:, :), stiffness(:, :)
-      integer :: j, n_zero
+      integer :: j
       logical :: needs_modes
 
-      n_zero = 0
       needs_modes = are_stuck
       stiffness = structure%stuck_stiffness([(are_stuck, j=1, structure%n_joints)])
       if (.not. needs_modes) then
@@ -212,46 +212,45 @@ contains
          if (allocated(error)) return
          needs_modes = minval(abs(eigenvalues)) <= least_share*maxval(abs(eigenvalues))
       end if
-      if (needs_modes) &
+      if (needs_modes) then
          call solve_symmetric_eigenproblem(stiffness, structure%mass, eigenvalues, error, modes)
-      if (allocated(error)) return
-      if (are_stuck .and. eigenvalues(1) < -least_share*maxval(abs(eigenvalues))) &
-         call raise(error, exit_bad_input, name//': with all joints stuck, the least '// &
-                    'eigenvalue over M is '//brief(eigenvalues(1))//' 1/s^2: must not be '// &
-                    'negative, the structure would buckle')
-      if (needs_modes .and. .not. allocated(error)) &
-         call find_low_modes(structure%stiffness, merge(structure%joint_stiffness, 0.0_wp, &
-                                                        are_stuck), &
-                             structure%direction, name, eigenvalues, modes, n_zero, error)
-      if (allocated(error)) return
+         if (allocated(error)) return
+         if (are_stuck .and. eigenvalues(1) < -least_share*maxval(abs(eigenvalues))) then
+            call raise(error, exit_bad_input, name//': with all joints stuck, the least '// &
+                       'eigenvalue over M is '//brief(eigenvalues(1))//' 1/s^2: must not be '// &
+                       'negative, the structure would buckle')
+            return
+         end if
+         call find_low_modes(are_stuck, name, structure, eigenvalues, modes, error)
+         if (allocated(error)) return
+      end if
       allocate (frequencies, source=sign(sqrt(abs(eigenvalues)), eigenvalues)/two_pi)
-      if (.not. are_stuck) return
-      structure%n_zero_modes = n_zero
-      call move_alloc(modes, structure%modes_stuck)
+      if (are_stuck) call move_alloc(modes, structure%modes_stuck)
    end subroutine find_modes
 
    !> Finds eigenvalues below 1e-10 of the largest, which have few correct digits, and their modes,
-   !> from the energies of K and of the joints among these modes (Rayleigh-Ritz).
+   !> from the energies among these modes (Rayleigh-Ritz): first of K, which are zero below the
+   !> rounding of their terms, then of K and the joints.
    !>
-   !> An energy of K below the rounding of its terms is zero. One below 1e-10 of them, and 1/100 of
-   !> the next eigenvalue (low modes of a fine mesh are nearer to each other), may come from rounded
-   !> entries of K: the mode is a zero mode if joints do not hold it, and refused if they hold it by
-   !> less. An energy e that is rounding adds e/a of the mode of the next eigenvalue a to a zero
-   !> mode, so joints hold a mode if their energy in it exceeds e^2/a.
-   subroutine find_low_modes(stiffness, joint_stiffness, direction, name, eigenvalues, modes, &
-                             n_zero, error)
-      real(wp), intent(in) :: stiffness(:, :)                       !! K (dof, dof)
-      real(wp), intent(in) :: joint_stiffness(:), direction(:, :)   !! (joint), (dof, joint)
-      character(*), intent(in) :: name                              !! name of K in the message
-      real(wp), intent(inout) :: eigenvalues(:)                     !! (mode), ascending
-      real(wp), intent(inout) :: modes(:, :)                        !! (dof, mode)
-      integer, intent(out) :: n_zero
+   !> An energy e of K below 1e-10 of its terms, and 1/100 of the next eigenvalue (low modes of a
+   !> fine mesh are nearer to each other), may come from rounded entries. The mode is a zero mode if
+   !> joints do not hold it. If they hold it by less, or e matters to a mode near rounding, K is
+   !> refused. As rounding mixes e/a of the mode of the next eigenvalue a into a zero mode, joints
+   !> hold a mode if their energy in it exceeds e^2/a.
+   subroutine find_low_modes(are_stuck, name, structure, eigenvalues, modes, error)
+      logical, intent(in) :: are_stuck
+      character(*), intent(in) :: name                !! name of K in the message
+      type(structure_type), intent(inout) :: structure
+      real(wp), intent(inout) :: eigenvalues(:)       !! (mode), ascending
+      real(wp), intent(inout) :: modes(:, :)          !! (dof, mode)
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable, dimension(:, :) :: extension, of_k, terms, vectors
-      real(wp) :: above, largest, of_joints, outside
-      integer :: first, i, j, last
+      real(wp), allocatable :: extension(:, :), vectors(:, :)   ! (joint, mode), (mode, mode)
+      real(wp), allocatable, dimension(:) :: of_joints, of_k, terms   ! (mode)
+      real(wp) :: above, largest, outside
+      integer :: first, i, last
 
-      n_zero = 0
+      structure%n_zero_modes = 0
+      structure%dropped_frequency = 0.0_wp
       largest = maxval(abs(eigenvalues))
       first = 1 + count(eigenvalues < -least_share*largest)
       last = first - 1 + count(abs(eigenvalues) <= least_share*largest)
@@ -259,46 +258,50 @@ contains
       outside = huge(1.0_wp)
       if (last < size(eigenvalues)) outside = eigenvalues(last + 1)
       above = outside
-      associate (low => modes(:, first:last), eigenvalue => eigenvalues(first:last))
-         call find_energies(stiffness, low, of_k, terms)
-         extension = matmul(transpose(direction), low)   ! (joint, mode)
-         vectors = of_k + matmul(transpose(extension), &
-                                 extension*spread(joint_stiffness, 2, size(low, 2)))
+      associate (low => modes(:, first:last), eigenvalue => eigenvalues(first:last), &
+                 k => structure%stiffness)
+         of_k = eigenvalue
+         vectors = matmul(transpose(low), matmul(k, low))
+         call find_symmetric_eigenvectors(vectors, of_k, error)
+         if (allocated(error)) return
+         low = matmul(low, vectors)
+         where (abs(of_k) <= rounding*sum(abs(low)*matmul(abs(k), abs(low)), 1)) of_k = 0.0_wp
+         extension = matmul(transpose(structure%direction), low)
+         extension = extension*spread(sqrt(merge(structure%joint_stiffness, 0.0_wp, are_stuck)), &
+                                      2, size(of_k))
+         vectors = matmul(transpose(extension), extension)
+         do i = 1, size(of_k)
+            vectors(i, i) = vectors(i, i) + of_k(i)
+         end do
          call find_symmetric_eigenvectors(vectors, eigenvalue, error)
          if (allocated(error)) return
          low = matmul(low, vectors)
-         call find_energies(stiffness, low, of_k, terms)
-         extension = matmul(transpose(direction), low)
-         do i = size(low, 2), 1, -1
-            of_joints = sum(joint_stiffness*extension(:, i)**2)
-            eigenvalue(i) = of_k(i, i) + of_joints
-            if (abs(of_k(i, i)) <= least_share*terms(i, i) .and. &
-                (n_zero > 0 .or. above > least_gap*of_k(i, i))) then
-               if (of_joints <= (rounding*largest + 10.0_wp*abs(of_k(i, i)))**2/outside) then
-                  eigenvalue(i) = 0.0_wp
-                  n_zero = n_zero + 1
-               else if (of_joints <= abs(of_k(i, i))) then
-                  call raise(error, exit_bad_input, name//': with all joints stuck, joints hold a mode by '// &
-                             brief(of_joints)//' 1/s^2 and K by '//brief(of_k(i, i))// &
-                             ', which may be rounding of its entries: give K with more digits')
-                  return
+         of_k = matmul(of_k, vectors**2)
+         of_joints = sum(matmul(extension, vectors)**2, 1)
+         terms = sum(abs(low)*matmul(abs(k), abs(low)), 1)
+         eigenvalue = of_k + of_joints
+         do i = size(of_k), 1, -1
+            associate (e => abs(of_k(i)))
+               if (e <= least_share*terms(i) .and. (structure%n_zero_modes > 0 .or. &
+                                                    above > least_gap*of_k(i))) then
+                  if (of_joints(i) <= (rounding*largest + 10.0_wp*e)**2/outside) then
+                     eigenvalue(i) = 0.0_wp
+                     structure%n_zero_modes = structure%n_zero_modes + 1
+                     structure%dropped_frequency = max(structure%dropped_frequency, sqrt(e)/two_pi)
+                  else if (of_joints(i) <= e .or. e > 0.01_wp*of_joints(i) .and. &
+                           eigenvalue(i) <= 10.0_wp*rounding*terms(i)) then
+                     call raise(error, exit_bad_input, name//': with all joints stuck, joints '// &
+                                'hold a mode by '//brief(of_joints(i))//' 1/s^2 and K by '// &
+                                brief(of_k(i))//', which may be rounding of its entries: give '// &
+                                'K with more digits')
+                     return
+                  end if
                end if
-            end if
+            end associate
             above = eigenvalue(i)
          end do
       end associate
    end subroutine find_low_modes
-
-   !> Finds the energies of K among modes, zero where they are below the rounding of their terms, and
-   !> the sums of the absolute terms (mode, mode).
-   pure subroutine find_energies(stiffness, modes, energy, terms)
-      real(wp), intent(in) :: stiffness(:, :), modes(:, :)
-      real(wp), allocatable, intent(out) :: energy(:, :), terms(:, :)
-
-      energy = matmul(transpose(modes), matmul(stiffness, modes))
-      terms = matmul(transpose(abs(modes)), matmul(abs(stiffness), abs(modes)))
-      where (abs(energy) <= rounding*terms) energy = 0.0_wp
-   end subroutine find_energies
 
    !> Modal damping C = M Phi diag(2 zeta omega) Phi' M (dof, dof) [N s/m].
    function modal_damping(mass, modes, ratio, frequencies) result(damping)
