@@ -180,7 +180,7 @@ contains
                     regime => self%paths%regime)
             call advance_blocks(ops, rows, force, self%keeps_ledger, modes, self%midpoint, &
                                 self%rates(:, :, :, g))
-            call find_paths(ops, joints, rows, modes, self%midpoint, x(first, 1, u), &
+            call find_paths(ops, joints, rows, force, modes, self%midpoint, x(first, 1, u), &
                             x(first, 1, v), x(first, 1, 2))
             call self%sliders%move_sliders(g, ops, joints, regime(first, 1, regime_side), &
                                            regime(first, 1, regime_spring), x(first, 1, v), &

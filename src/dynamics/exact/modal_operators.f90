@@ -40,6 +40,9 @@ module dynamics_exact_modal_operators
       !> (input, output, block) (M3), (M4). Inputs: p, then force and its rise of each port.
       !> Outputs: p at 1; of each port what p at 1/2, then what p' at 1/2 adds to the cubic; p' at 0
       real(wp), allocatable :: propagator(:, :, :)
+      !> (joint of the strip, force, strip, 1:2) what the rise of a force adds to e and s of a joint
+      !> by the blocks that are not read at half the part (M4)
+      real(wp), allocatable :: rise(:, :, :, :)
       real(wp), allocatable :: weight(:, :, :)  !! w_k (0:moment, variable, row) (M6)
       !> Y_0, Y_1, Y_2 (joint, joint of the slider, 0:2), joints padded to whole registers (M5)
       real(wp), allocatable :: markov(:, :, :)
@@ -149,6 +152,7 @@ contains
          end do
       end associate
       call form_blocks(operators%blocks%outputs(joints%gain, .false.), operators)
+      call form_rise(operators%blocks%outputs(joints%gain, .false.), operators)
       operators%coupling = [(maxval(sum(abs(operators%markov(:, i, :)), 2)), i=1, m)]
    end subroutine new_modal_operators
 
@@ -218,6 +222,30 @@ contains
          end associate
       end do
    end subroutine form_blocks
+
+   !> Forms what the rises of the forces add at half the part by blocks that are not read there.
+   pure subroutine form_rise(gain, operators)
+      real(wp), intent(in) :: gain(:, :)   !! G (joint, row)
+      type(modal_operators), intent(inout) :: operators
+      real(wp) :: added(size(gain, 2), operators%n_forces)   ! (row, force)
+      integer :: b, i, k
+
+      allocate (operators%rise(strip, operators%n_forces, size(operators%outputs, 3), 2))
+      associate (ports => operators%blocks%ports)
+         do k = 1, 2
+            added = 0.0_wp
+            do b = 1, operators%first_midpoint(k) - 1
+               associate (rows => [(ports*(b - 1) + i, i=1, ports)])
+                  added(rows, :) = matmul( &
+                     transpose(operators%propagator(3 + ports:2 + 2*ports, &
+                                                    3 + ports*(k - 1):2 + ports*k, b)), &
+                     operators%load(rows, :))
+               end associate
+            end do
+            operators%rise(:, :, :, k) = by_strips(matmul(gain, added))
+         end do
+      end associate
+   end subroutine form_rise
 
    !> Factors of a kernel's moments, the integrals of kernel(s) s^p, in the weights w_k of (M6): the
    !> integral of kernel(1 - s) zeta(s) is sum w_k I_k, exactly if zeta is t or t^(i+1) (1 - t),

@@ -106,9 +106,10 @@ contains
    !> Finds powers 2 .. 5 of the joints' free paths (M4): the cubic through values and slopes at 0
    !> and 1, and what the midpoint adds, 16 e t^2 (1 - t)^2 by its value and 16 s t^2 (1 - t)^2
    !> (t - 1/2) by its slope, which alone has power 5.
-   pure subroutine find_paths(operators, joints, rows, modes, midpoint, x0, x1, x)
+   pure subroutine find_paths(operators, joints, rows, force, modes, midpoint, x0, x1, x)
       type(modal_operators), intent(in) :: operators
       integer, intent(in) :: joints, rows
+      real(wp), intent(in) :: force(lanes, operators%n_forces, 0:1)   !! value and rise [N]
       real(wp), intent(in) :: modes(lanes, rows, *), midpoint(lanes, rows, 2)   !! see modal_form
       real(wp), intent(in), dimension(lanes, groups, joints) :: x0, x1   !! u(0), u'(0)
       real(wp), intent(inout) :: x(lanes, groups, joints, 2:5)           !! (.., joint, power)
@@ -134,12 +135,18 @@ contains
                if (i > n) exit
             end do
             e = 0.0_wp
+            s = 0.0_wp
+            do i = 1, operators%n_forces
+               do r = 1, strip
+                  e(:, r) = e(:, r) + operators%rise(r, i, q, 1)*force(:, i, 1)
+                  s(:, r) = s(:, r) + operators%rise(r, i, q, 2)*force(:, i, 1)
+               end do
+            end do
             do i = first(1), n
                do r = 1, strip
                   e(:, r) = e(:, r) + place(r, i, q)*midpoint(:, i, 1)
                end do
             end do
-            s = 0.0_wp
             do i = first(2), n
                do r = 1, strip
                   s(:, r) = s(:, r) + place(r, i, q)*midpoint(:, i, 2)
