@@ -156,8 +156,10 @@ contains
       integer, intent(inout) :: n_datasets
       real(wp), parameter :: with_regression = 2.5_wp   ! all values over those of plain sampling
       real(wp) :: factor, n_values
+      logical :: is_plain
 
-      factor = merge(1.0_wp, with_regression, len(reason_for_plain(plan, number)) > 0)
+      is_plain = len(reason_for_plain(plan, number)) > 0
+      factor = merge(1.0_wp, with_regression, is_plain)
       associate (structure => plan%structure, np => size(plan%output%percentiles))
          n_values = n_quantities*structure%n_joints*(4 + 3*np)
          n_datasets = n_datasets + nint(factor*7*n_quantities)
@@ -166,7 +168,8 @@ contains
                        *(n_frequencies(plan)*(2.0_wp + 3*np) + 8 + 3*np)
             n_datasets = n_datasets + nint(factor*17)
          end if
-         bytes = bytes + real_bytes*(factor*n_values + 2*structure%n_joints*structure%n_points)
+         bytes = bytes + real_bytes*factor*n_values
+         if (.not. is_plain) bytes = bytes + real_bytes*2*structure%n_joints*structure%n_points
       end associate
    end subroutine add_statistics
 
