@@ -102,9 +102,12 @@ contains
       text = text//labelled('', 'errors are the scatter of the same estimates from '// &
                             'realizations of the process at the same points')
       if (allocated(found%refusal)) then
-         text = text//labelled('note', found%refusal//'; the estimates above are the likeliest '// &
-                               trim(merge('of order 1         ', 'without correlation', &
-                                          found%l0 > 0.0_wp)))
+         note = found%refusal//'; the estimates above are the likeliest '// &
+                trim(merge('of order 1         ', 'without correlation', found%l0 > 0.0_wp))
+         if (found%request%std < found%std) &
+            note = note//', and the group has a std of '//brief(found%request%std/found%mean)// &
+                   ' of the mean, nearly exponential, from which theirs differs by chance'
+         text = text//labelled('note', note)
          return
       end if
       if (found%l0 < found%longest) return

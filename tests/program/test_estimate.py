@@ -111,6 +111,16 @@ def test_values_whose_likeliest_process_does_not_exist_get_an_uncorrelated_one(e
     assert "std = 0.924 correlation_length = 0 order = 1 positive = .true. /" in said
 
 
+def test_values_beyond_the_exponential_law_by_chance_get_nearly_that(entroslip, data):
+    """std/mean = 1.2 is within three standard errors of 1; no positive process has it."""
+    data.write_text("0.3 2.6 0.05 0.9 0.1 5.2 0.5 1.4 0.02 0.2 1.9 0.7\n")
+    said = " ".join(entroslip("estimate", data).stdout.split())
+    assert "and the group has a std of 0.98 of the mean, nearly exponential, from" in said
+    mean, std = map(float, re.search(r"mean = (\S+) std = (\S+) corr", said).groups())
+    assert std / mean == pytest.approx(0.98, abs=0.01)
+    assert "distribution yes" in said
+
+
 def test_an_index_beside_the_values_is_refused(entroslip, data):
     data.write_text("\n".join(f"{n} {0.2 + 0.01 * (n % 3)}" for n in range(12)))
     done = entroslip("estimate", data)

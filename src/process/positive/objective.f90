@@ -176,21 +176,24 @@ contains
    end subroutine describe_state
 
    !> Simulates the law, with the same random numbers at every evaluation, and counts the values,
-   !> weighted by what the order and the single lags make them cost.
+   !> weighted by what the order and, after the burn-in, the single lags make them cost.
    subroutine simulate(self)
       class(sampled_objective), intent(inout) :: self
       integer, parameter :: most_kept = 2**20   ! random numbers: 8 MB
-      integer :: n, n_values   ! steps or sweeps of a batch; values of a lane
+      integer :: n                    ! steps or sweeps of a batch
+      integer :: n_before, n_values   ! values of a lane in the burn-in, and after it
 
       associate (problem => self%problem, last => self%last, stream => self%problem%stream)
          if (problem%is_exact) then
             n = max(self%n_steps/ring_length(self), 2)
-            n_values = (self%n_burn_in + n_batches/lanes*n)*ring_length(self)
+            n_before = self%n_burn_in*ring_length(self)
+            n_values = n_batches/lanes*n*ring_length(self)
          else
             n = max(self%n_steps, problem%n_lags)
-            n_values = self%n_burn_in + n_batches/lanes*n
+            n_before = self%n_burn_in
+            n_values = n_batches/lanes*n
          end if
-         call stream%restart(min(lanes*n_values, most_kept))
+         call stream%restart(min(lanes*(n_before + n_values), most_kept))
          if (problem%is_exact) then
             call sample_exact(last%g, last%field, problem%companion, self%centre, &
                               ring_length(self), self%n_burn_in, n, stream, last%batches)
@@ -198,8 +201,9 @@ contains
             call sample_sequential(last%a, last%field, problem%companion, self%centre, &
                                    self%n_burn_in, n, stream, last%batches)
          end if
-         self%effort = self%effort + real(lanes, wp)*n_values &
-                       *(1.0_wp + 0.05_wp*(ubound(last%g, 1) + last%batches%n_single))
+         self%effort = self%effort + real(lanes, wp) &
+                       *((n_before + n_values)*(1.0_wp + 0.05_wp*ubound(last%g, 1)) &
+                         + n_values*0.05_wp*last%batches%n_single)
       end associate
    end subroutine simulate
 
