@@ -4,14 +4,14 @@ module process_positive_description
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_roots, only: find_polynomial_roots
-   use process_correlation, only: correlation_length
+   use process_correlation, only: correlation_length, zero_correlation
    use process_model, only: process_model_type, process_request, take_law, take_other_law
+   use process_positive_moments, only: error_of_residual
    use process_positive_objective, only: sampled_objective
    use process_positive_problem, only: is_out_of_reach
-   use process_positive_refinement, only: error_of_runs, shape_uncertainty
+   use process_positive_refinement, only: shape_uncertainty
    use process_positive_sequential, only: memory_of
    use process_positive_signs, only: require_signs
-   use process_positive_truncated_normal, only: lanes
    implicit none(type, external)
    private
    public :: compare_laws, describe_far_from_zero, describe_solution, describe_evaluation
@@ -23,12 +23,11 @@ contains
    subroutine describe_far_from_zero(request, model)
       type(process_request), intent(in) :: request
       type(process_model_type), intent(inout) :: model   !! solved
-      real(wp), parameter :: zero = 1.0e-9_wp   ! K(m)/K(0) that counts as 0
 
       model%request = request
       model%memory = ceiling(1.5_wp*memory_of(abs(model%poles(1)), 1.0e-9_wp))
       associate (k => model%autocovariance(1:), variance => model%autocovariance(0))
-         model%branch = branch_of(merge(-1.0_wp, 1.0_wp, k < -zero*variance))
+         model%branch = branch_of(merge(-1.0_wp, 1.0_wp, k < -zero_correlation*variance))
       end associate
       model%other_mean = model%mean
       model%other_std = model%std
@@ -112,8 +111,7 @@ contains
       associate (multipliers => search%found%multipliers)   ! gain of x/std by the constraints
          residual = residual - matmul(search%residuals(:, :size(multipliers)), multipliers)
       end associate
-      residual = sum(reshape(residual, [lanes, size(residual)/lanes]), dim=2)/size(residual)
-      standard_error = norm2([search%psi_error, error_of_runs(reshape(residual, [lanes, 1]))])
+      standard_error = norm2([search%psi_error, error_of_residual(residual)])
    end function error_of_maximum
 
    !> Estimates the autocovariance lag by lag, on as many values as the number of lags allows. Fails

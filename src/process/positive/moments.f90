@@ -9,7 +9,7 @@ module process_positive_moments
    implicit none(type, external)
    private
    public :: batch_averages, new_batches, positive_moments, estimate_moments, &
-             estimate_autocovariance, estimate_products
+             error_of_residual, estimate_autocovariance, estimate_products
    public :: add_products, n_acceptance_sums
 
    !> sums of alpha, 1/alpha, ln alpha and c phi(c)/(2 alpha), alpha the acceptance probability
@@ -331,16 +331,24 @@ contains
       end do
    end subroutine correct
 
-   !> Standard error of an average, from the residuals of its batches. Batch i belongs to the run
-   !> modulo(i - 1, lanes); runs are independent, batches of one run need not be.
+   !> Standard error of an average that controls correct.
    pure real(wp) function standard_error(self, residual) result(error)
       class(control_type), intent(in) :: self
       real(wp), intent(in) :: residual(:)     !! (batch)
-      real(wp) :: n, runs(lanes)
+      real(wp) :: n
 
       n = size(residual)
-      runs = sum(reshape(residual, [lanes, size(residual)/lanes]), dim=2)/n
-      error = sqrt(sum(runs**2)*lanes/(lanes - 1.0_wp)*n/(n - size(self%excess)))
+      error = error_of_residual(residual)*sqrt(n/(n - size(self%excess)))
    end function standard_error
+
+   !> Standard error of an average, from the residuals of its batches. Batch i belongs to the run
+   !> modulo(i - 1, lanes); runs are independent, batches of one run need not be.
+   pure real(wp) function error_of_residual(residual) result(error)
+      real(wp), intent(in) :: residual(:)     !! (batch)
+      real(wp) :: runs(lanes)
+
+      runs = sum(reshape(residual, [lanes, size(residual)/lanes]), dim=2)/size(residual)
+      error = sqrt(sum(runs**2)*lanes/(lanes - 1.0_wp))
+   end function error_of_residual
 
 end module process_positive_moments

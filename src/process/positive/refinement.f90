@@ -13,7 +13,7 @@ module process_positive_refinement
    use process_positive_truncated_normal, only: lanes
    implicit none(type, external)
    private
-   public :: error_of_runs, refine, shape_uncertainty
+   public :: refine, shape_uncertainty
 
    integer, parameter :: refinement_steps = 2048   !! steps of a batch
    real(wp), parameter :: longest = 0.1_wp         !! longest step of a refinement

@@ -9,6 +9,7 @@ module process_positive_signs
    use core_text, only: to_text
    use numerics_constrained_maximum, only: maximize
    use process_positive_family, only: by_symbol, by_reflection
+   use process_positive_moments, only: error_of_residual
    use process_positive_objective, only: difference_step, sampled_objective
    implicit none(type, external)
    private
@@ -185,9 +186,9 @@ contains
          call search%estimate_lags(n, k, residuals=residuals)
          k = search%signs*k
          first = n + 1 - n/5
-         is_so = abs(sum(k(first:))) <= max(little*sum(k(2:)), standard_errors/size(residuals, 1) &
-                                            *norm2(matmul(residuals(:, first:), &
-                                                          search%signs(first:))))
+         is_so = abs(sum(k(first:))) <= &
+                 max(little*sum(k(2:)), standard_errors &
+                     *error_of_residual(matmul(residuals(:, first:), search%signs(first:))))
       end associate
    end function has_decayed
 
