@@ -105,7 +105,8 @@ contains
 
    !> Moves the point along `change`, shortened until the gain minus a penalty on the constraints
    !> does not fall. Before it is shortened, a failed step is corrected for the curvature of the
-   !> constraints. If no step is accepted the point stays, and `is_inside` is false.
+   !> constraints; a correction as long as the step is none: a nearly singular metric can ask for any
+   !> length. If no step is accepted the point stays, and `is_inside` is false.
    subroutine search_line(objective, change, state, penalty, tolerance, is_inside)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(inout) :: change(:)
@@ -125,6 +126,7 @@ contains
          uncorrected = change
          if (is_inside) then
             call correct_step(objective%found, trial(:n), change, is_regular)
+            if (is_regular) is_regular = norm2(change - uncorrected) < norm2(uncorrected)
             if (is_regular) call objective%evaluate(objective%point + change, trial, is_inside)
             if (is_regular .and. is_accepted()) exit
          end if
