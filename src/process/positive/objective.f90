@@ -180,20 +180,14 @@ contains
    subroutine simulate(self)
       class(sampled_objective), intent(inout) :: self
       integer, parameter :: most_kept = 2**20   ! random numbers: 8 MB
-      integer :: n                    ! steps or sweeps of a batch
-      integer :: n_before, n_values   ! values of a lane in the burn-in, and after it
+      integer :: n, n_each     ! steps or sweeps of a batch; values of each
+      integer :: n_values(2)   ! values of a lane in the burn-in, and after it
 
       associate (problem => self%problem, last => self%last, stream => self%problem%stream)
-         if (problem%is_exact) then
-            n = max(self%n_steps/ring_length(self), 2)
-            n_before = self%n_burn_in*ring_length(self)
-            n_values = n_batches/lanes*n*ring_length(self)
-         else
-            n = max(self%n_steps, problem%n_lags)
-            n_before = self%n_burn_in
-            n_values = n_batches/lanes*n
-         end if
-         call stream%restart(min(lanes*(n_before + n_values), most_kept))
+         n_each = merge(ring_length(self), 1, problem%is_exact)
+         n = max(self%n_steps/n_each, merge(2, problem%n_lags, problem%is_exact))
+         n_values = n_each*[self%n_burn_in, n_batches/lanes*n]
+         call stream%restart(lanes*min(sum(n_values), most_kept/lanes))
          if (problem%is_exact) then
             call sample_exact(last%g, last%field, problem%companion, self%centre, &
                               ring_length(self), self%n_burn_in, n, stream, last%batches)
@@ -201,9 +195,8 @@ contains
             call sample_sequential(last%a, last%field, problem%companion, self%centre, &
                                    self%n_burn_in, n, stream, last%batches)
          end if
-         self%effort = self%effort + real(lanes, wp) &
-                       *((n_before + n_values)*(1.0_wp + 0.05_wp*ubound(last%g, 1)) &
-                         + n_values*0.05_wp*last%batches%n_single)
+         self%effort = self%effort + lanes*(sum(n_values)*(1.0_wp + 0.05_wp*ubound(last%g, 1)) &
+                                            + n_values(2)*0.05_wp*last%batches%n_single)
       end associate
    end subroutine simulate
 
