@@ -105,8 +105,8 @@ contains
 
    !> Moves the point along `change`, shortened until the gain minus a penalty on the constraints
    !> does not fall. Before it is shortened, a failed step is corrected for the curvature of the
-   !> constraints; a correction as long as the step is none: a nearly singular metric can ask for any
-   !> length. If no step is accepted the point stays, and `is_inside` is false.
+   !> constraints, but by less than its length: a nearly singular metric asks for more.
+   !> If no step is accepted the point stays, and `is_inside` is false.
    subroutine search_line(objective, change, state, penalty, tolerance, is_inside)
       class(objective_type), intent(inout) :: objective
       real(wp), intent(inout) :: change(:)
