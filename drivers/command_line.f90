@@ -41,7 +41,7 @@ module driver_command_line
       character(:), allocatable :: command        !! one of `commands`, 'help' or 'version'
       character(:), allocatable :: scene          !! path of the scene file
       character(:), allocatable :: output         !! path of the file to be written
-      character(:), allocatable :: overrides(:)   !! --set options, `group%name=value`
+      character(:), allocatable :: overrides      !! --set options, `group%name=value`, one a line
       integer :: case_number = 0                  !! replay: case, from 1
       integer :: sample = 0                       !! replay: sample, from 1
       logical, private :: is_given(size(options)) = .false.
@@ -58,7 +58,7 @@ contains
       character(:), allocatable :: word, value
       integer :: i
 
-      allocate (character(1) :: line%overrides(0))
+      line%overrides = ''
       i = 0
       do while (i < command_argument_count())
          i = i + 1
@@ -122,6 +122,7 @@ contains
       type(command_line), intent(inout) :: line
       character(*), intent(in) :: option, value
       type(error_type), allocatable, intent(out) :: error
+      integer :: i
 
       if (value == '') then
          call raise(error, exit_bad_input, option//' needs a value')
@@ -133,7 +134,10 @@ contains
          if (len(value) > len_trim(value)) &   ! Fortran and HDF5 ignore it
             call raise(error, exit_bad_input, option//' '//value//': must not end in a blank')
       case ('--set')
-         line%overrides = [character(max(len(line%overrides), len(value))) :: line%overrides, value]
+         do i = 1, len_trim(value)
+            line%overrides = line%overrides//merge(' ', value(i:i), value(i:i) == nl)
+         end do
+         line%overrides = line%overrides//nl
       case ('--case')
          call read_count(option, value, line%case_number, error)
       case ('--sample')

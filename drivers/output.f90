@@ -8,7 +8,7 @@ module driver_output
    use campaign_size, only: refuse_long_lists
    use campaign_study, only: block_range
    use config_plan, only: scene_name
-   use config_scene, only: override_text, scene_type
+   use config_scene, only: scene_type
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use core_terminal, only: say_line => say
@@ -31,7 +31,7 @@ module driver_output
    type :: output_type
       type(world_type) :: world                   !! the ranks of this run
       character(:), allocatable :: scene          !! text of the scene
-      character(:), allocatable :: overrides      !! --set options, one per line
+      character(:), allocatable :: overrides      !! --set options, one a line
       character(:), allocatable :: path
       type(shard_store) :: store
       logical :: is_quiet = .false.
@@ -87,7 +87,7 @@ contains
       call world%stop_on(error)
       output%world = world
       output%scene = scene%text
-      output%overrides = override_text(line%overrides)
+      output%overrides = line%overrides
       output%store = new_store(output%path, identity_of(scene, line%command))
       output%is_quiet = line%has('--quiet') .or. .not. world%is_root()
    end subroutine name_output

@@ -39,7 +39,7 @@ contains
       type(shard_store), intent(in) :: store
       type(plan_type), intent(in) :: plan
       character(*), intent(in) :: scene       !! text of the scene
-      character(*), intent(in) :: overrides   !! --set options, one per line
+      character(*), intent(in) :: overrides   !! --set options, one a line
       integer, intent(in) :: n_ranks
       type(hdf5_file), intent(out) :: file
       type(error_type), allocatable, intent(out) :: error

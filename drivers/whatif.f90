@@ -4,7 +4,7 @@ module driver_whatif
    use campaign_pooling, only: case_pool, pools_of_new_laws
    use campaign_results, only: case_estimates, case_statistics, n_quantities, spectrum_layout
    use config_plan, only: build_plan
-   use config_scene, only: complaint_list, override_text, parse_scene, scene_type
+   use config_scene, only: complaint_list, parse_scene, scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, exit_no_solution, raise
    use core_kinds, only: wp
    use core_source, only: new_source, source_type
@@ -118,7 +118,7 @@ contains
                              stored_in_results([n, 0*n], maxval(n), none), question%stored)
          end associate
          if (options /= '') options = options//line_feed
-         call plan_laws(line%scene, text, options//override_text(line%overrides), changed, error)
+         call plan_laws(line%scene, text, options//line%overrides, changed, error)
          if (.not. allocated(error)) call add_new_laws(line%scene, changed, plan, error)
       end associate
    end subroutine read_question
@@ -127,14 +127,16 @@ contains
    subroutine refuse_other_options(line, error)
       type(command_line), intent(in) :: line
       type(error_type), allocatable, intent(out) :: error
+      type(source_type) :: lines
       integer :: i
 
-      if (size(line%overrides) == 0) &
+      if (line%overrides == '') &
          call raise(error, exit_bad_input, 'whatif needs another law: --set process%std=0.1')
-      do i = 1, size(line%overrides)
-         if (scan(lowered(line%overrides(i)), '%(') == 8 .and. &
-             index(lowered(line%overrides(i)), 'process') == 1) cycle
-         call raise(error, exit_bad_input, '--set '//trim(line%overrides(i))// &
+      lines = new_source('--set', line%overrides)
+      do i = 1, lines%n_lines() - 1   ! the last one is empty
+         if (scan(lines%line(i), '%(') == 8 .and. index(lowered(lines%line(i)), 'process') == 1) &
+            cycle
+         call raise(error, exit_bad_input, '--set '//lines%line(i)// &
                     ': whatif changes the law of the friction alone, such as process%std')
          return
       end do
@@ -149,17 +151,8 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(scene_type) :: scene
       type(complaint_list) :: complaints
-      type(source_type) :: lines
-      character(len(options)), allocatable :: overrides(:)
-      integer :: i
 
-      lines = new_source('--set', options)
-      allocate (overrides(lines%n_lines()))
-      do i = 1, size(overrides)
-         overrides(i) = lines%line(i)
-      end do
-      call parse_scene(new_source(path, text), overrides, scene, complaints, &
-                       processes_alone=.true.)
+      call parse_scene(new_source(path, text), options, scene, complaints, processes_alone=.true.)
       if (complaints%n == 0) call build_plan(scene, plan, complaints)
       if (complaints%n > 0) call raise(error, exit_bad_input, complaints%text)
       plan%excitation = scene%excitation%excitation_settings

@@ -2,7 +2,6 @@
 module config_scene
    use config_groups, only: group_names, scene_type
    use config_rules, only: check_rules
-   use config_text_namelist, only: override_text
    use config_text_reader, only: reader_type
    use core_complaints, only: complaint_list, suggestion
    use core_source, only: read_source, source_type
@@ -10,7 +9,7 @@ module config_scene
    use structure_model, only: most_dofs
    implicit none(type, external)
    private
-   public :: complaint_list, override_text, parse_scene, read_scene, scene_type
+   public :: complaint_list, parse_scene, read_scene, scene_type
 
    integer, parameter :: most_bytes = 16*1024**2   !! largest size of a scene file
 
@@ -19,7 +18,7 @@ contains
    !> Reads and checks a scene file. The scene is valid if complaints%n is 0.
    subroutine read_scene(path, overrides, scene, complaints)
       character(*), intent(in) :: path
-      character(*), intent(in) :: overrides(:)   !! --set options, `group%name=value`
+      character(*), intent(in) :: overrides   !! --set options, `group%name=value`, one a line
       type(scene_type), intent(out) :: scene
       type(complaint_list), intent(out) :: complaints
       type(source_type) :: source
@@ -37,7 +36,7 @@ contains
    !> structure or force.
    subroutine parse_scene(source, overrides, scene, complaints, processes_alone)
       type(source_type), intent(in) :: source    !! its name is the path of the scene
-      character(*), intent(in) :: overrides(:)
+      character(*), intent(in) :: overrides
       type(scene_type), intent(out) :: scene
       type(complaint_list), intent(out) :: complaints
       logical, intent(in), optional :: processes_alone

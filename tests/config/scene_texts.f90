@@ -14,7 +14,7 @@ contains
    !> Complaints, one per line, without excerpts; empty if the scene is accepted.
    function complaints_on(text, overrides) result(lines)
       character(*), intent(in) :: text
-      character(*), intent(in), optional :: overrides(:)
+      character(*), intent(in), optional :: overrides   !! one a line
       character(:), allocatable :: lines
       type(scene_type) :: scene
       type(complaint_list) :: complaints
@@ -39,12 +39,12 @@ contains
       character(*), intent(in) :: text
       type(scene_type), intent(out) :: scene
       type(complaint_list), intent(out) :: complaints
-      character(*), intent(in), optional :: overrides(:)
+      character(*), intent(in), optional :: overrides   !! one a line
 
       if (present(overrides)) then
          call parse_scene(new_source('s', text), overrides, scene, complaints)
       else
-         call parse_scene(new_source('s', text), [character(1) ::], scene, complaints)
+         call parse_scene(new_source('s', text), '', scene, complaints)
       end if
    end subroutine read_text
 

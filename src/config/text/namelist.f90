@@ -13,7 +13,7 @@ module config_text_namelist
    use core_text, only: line_feed, lowered, parse_integer
    implicit none(type, external)
    private
-   public :: assignment_type, document_type, override_text
+   public :: assignment_type, document_type
 
    integer, parameter :: max_groups = 100   !! largest number of groups in a scene
    integer, parameter :: shown = 40   !! characters shown of either end of a long value
@@ -62,33 +62,18 @@ contains
    subroutine parse(self, source, overrides)
       class(document_type), intent(inout) :: self
       type(source_type), intent(in) :: source
-      character(*), intent(in) :: overrides(:)   !! --set options, `group%name=value`
+      character(*), intent(in) :: overrides   !! --set options, `group%name=value`, one a line
       integer :: line
 
       self%source(1) = source
-      self%source(2) = new_source('--set', override_text(overrides))
+      self%source(2) = new_source('--set', overrides)
       allocate (self%groups(0), self%assignments(0))
       call tokenize(source, 1, 1, 1, len(source%text), self%tokens)
       call parse_groups(self)
-      do line = 1, size(overrides)
+      do line = 1, self%source(2)%n_lines()
          if (self%source(2)%line(line) /= '') call parse_override(self, line)
       end do
    end subroutine parse
-
-   !> Text of the options, one per line.
-   pure function override_text(overrides) result(text)
-      character(*), intent(in) :: overrides(:)
-      character(:), allocatable :: text
-      integer :: i, j
-
-      text = ''
-      do i = 1, size(overrides)
-         do j = 1, len_trim(overrides(i))
-            text = text//merge(' ', overrides(i) (j:j), overrides(i) (j:j) == line_feed)
-         end do
-         text = text//line_feed
-      end do
-   end function override_text
 
    !> Parses the tokens of the scene file.
    subroutine parse_groups(document)
