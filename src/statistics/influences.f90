@@ -25,6 +25,8 @@ module statistics_influences
       integer :: first = 0, last = 0            !! samples of the case in the pool
       integer :: n_samples = 0                  !! samples of the case, in the pool and beyond
       logical :: has_samples = .true.           !! false: the samples are those of other laws
+      !> (sample) share of the law that a sample of the pool stands for; their sum is 1
+      real(wp), allocatable :: share(:)
       real(wp), allocatable :: thin_rows(:, :)       !! (landmark, every 4th point) kernel
       real(wp), allocatable :: thin_variance(:, :)   !! (every 4th point, noise ratio) v/tau^2
    end type case_law_type
@@ -45,8 +47,35 @@ contains
       law%has_samples = pool%has_samples(case_number)
       call choose_points(pool%draws(case_number), surrogate%direction, n_points, law%law_type, &
                          error)
-      if (.not. allocated(error)) call find_kernel_rows(surrogate, law%x, law%rows)
+      if (allocated(error)) return
+      call find_kernel_rows(surrogate, law%x, law%rows)
+      law%share = spread(0.0_wp, 1, size(pool%x, 1))
+      if (law%has_samples) then
+         law%share(law%first:law%last) = 1.0_wp/(law%last - law%first + 1)
+      else
+         call add_shares(law, pool%x, surrogate%kernel%weight)
+      end if
    end subroutine prepare_law
+
+   !> Adds the weight of each point of a law to the share of the sample nearest to it, in the
+   !> distance |w (x - x')| of the kernel.
+   pure subroutine add_shares(law, x, weight)
+      type(case_law_type), intent(inout) :: law
+      real(wp), intent(in) :: x(:, :)     !! (sample, input) standardised
+      real(wp), intent(in) :: weight(:)   !! (input) w
+      real(wp) :: square(size(x, 1))      ! (sample) squared distance
+      integer :: j, m
+
+      do m = 1, size(law%weight)
+         square = 0.0_wp
+         do j = 1, size(weight)
+            square = square + (weight(j)*(x(:, j) - law%x(m, j)))**2
+         end do
+         associate (share => law%share(minloc(square, 1)))
+            share = share + law%weight(m)
+         end associate
+      end do
+   end subroutine add_shares
 
    !> Adds the kernel and the variance of G at every 4th point, for means of exponentials.
    subroutine prepare_thin_points(surrogate, law)

@@ -23,8 +23,8 @@ module statistics_regression
 
 contains
 
-   !> Estimates the mean, [G] + b, with b as bias: half the mean of y - G over the case's samples,
-   !> which is 0 if no other case is in the fit.
+   !> Estimates the mean, [G] + b, with b as bias: half the mean of y - G over the law's shares of
+   !> the samples, which is 0 if no other case is in the fit.
    subroutine law_mean(surrogate, fit, law, values, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
@@ -33,22 +33,19 @@ contains
       type(estimates_type), intent(out) :: estimate
       real(wp) :: average_row(size(law%rows, 1), 1)
       real(wp) :: average(size(surrogate%eigenvalue), size(fit%mean))
-      real(wp) :: own_average(size(surrogate%eigenvalue))   ! (feature) over the case's samples
-      integer :: n, o
+      real(wp) :: own_average(size(surrogate%eigenvalue))   ! (feature) over the shares
+      integer :: o
 
-      n = law%last - law%first + 1
       average_row(:, 1) = matmul(law%rows, law%weight)
       call average_features(surrogate, average_row, 1.0_wp, average(:, 1:1))
-      own_average = sum(surrogate%feature(law%first:law%last, :), 1)/n
+      own_average = matmul(law%share, surrogate%feature)
       estimate%value = fit%mean + matmul(average(:, 1), fit%coefficient)
-      estimate%bias = -0.5_wp*(fit%mean + matmul(own_average, fit%coefficient))
-      estimate%bias = estimate%bias + 0.5_wp*sum(fit%predicted(law%first:law%last, :) &
-                                                 + fit%residual(law%first:law%last, :), 1)/n
+      estimate%bias = 0.5_wp*(matmul(law%share, fit%predicted + fit%residual) &
+                              - fit%mean - matmul(own_average, fit%coefficient))
       estimate%value = estimate%value + estimate%bias
       average = spread(average(:, 1) - 0.5_wp*own_average, 2, size(average, 2))
       call find_weights(surrogate, fit, average, 0.5_wp, estimate%influence)
-      estimate%influence(law%first:law%last, :) = &
-         estimate%influence(law%first:law%last, :) + 0.5_wp/n
+      estimate%influence = estimate%influence + spread(0.5_wp*law%share, 2, size(fit%mean))
       call find_influences(surrogate, fit, estimate)
       allocate (estimate%tail_factor(2, size(fit%mean)))
       do o = 1, size(fit%mean)
@@ -57,8 +54,9 @@ contains
       end do
    end subroutine law_mean
 
-   !> Estimates the standard deviation, the root of the variance of G plus that of the case's
-   !> residuals; half of what the residuals add is the bias.
+   !> Estimates the standard deviation, the root of the variance of G plus that of the residuals over
+   !> the law's shares of the samples; half of what the residuals add is the bias. Of a law without
+   !> samples it adds, as law_mean does, half the mean of y - G times the derivative by G.
    subroutine law_deviation(surrogate, fit, law, values, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
@@ -67,8 +65,10 @@ contains
       type(estimates_type), intent(out) :: estimate
       real(wp) :: row_covariance(size(law%rows, 1), size(values, 2))
       real(wp) :: covariance(size(surrogate%eigenvalue), size(values, 2))
-      real(wp) :: centred(size(values, 1), size(values, 2)), residual(law%last - law%first + 1)
-      real(wp) :: fit_variance, residual_variance
+      real(wp) :: centred(size(values, 1), size(values, 2))
+      real(wp) :: moment(size(law%share), size(values, 2))   ! (sample) half of share*(G - [G])
+      real(wp), dimension(size(law%share)) :: fitted, square   ! (sample) G; square of a residual
+      real(wp) :: addition(size(values, 2)), fit_variance, residual_variance
       integer :: o
 
       do o = 1, size(values, 2)
@@ -76,27 +76,40 @@ contains
          row_covariance(:, o) = matmul(law%rows, law%weight*centred(:, o))
       end do
       call average_features(surrogate, row_covariance, 0.0_wp, covariance)
+      moment = 0.0_wp
+      addition = 0.0_wp
+      if (.not. law%has_samples) then
+         call multiply(surrogate%feature, fit%coefficient, moment)
+         do o = 1, size(values, 2)
+            fitted = fit%mean(o) + moment(:, o)
+            moment(:, o) = 0.5_wp*law%share*(fitted - dot_product(law%weight, values(:, o)))
+            addition(o) = dot_product(moment(:, o), &
+                                      fit%predicted(:, o) + fit%residual(:, o) - fitted)
+            covariance(:, o) = covariance(:, o) - matmul(moment(:, o), surrogate%feature)
+         end do
+      end if
       call find_weights(surrogate, fit, covariance, 0.0_wp, estimate%influence)
+      estimate%influence = estimate%influence + moment
       call find_influences(surrogate, fit, estimate)
       allocate (estimate%value(size(values, 2)), estimate%tail_factor(2, size(values, 2)))
       allocate (estimate%bias, mold=estimate%value)
       do o = 1, size(values, 2)
-         associate (own => fit%predicted(law%first:law%last, o))
-            estimate%tail_factor(:, o) = &
-               tail_factors(tail_ratio(law, centred(:, o)**2, &
-                                       (fit%predicted(:, o) - sum(own)/size(own))**2)**2, &
-                            estimate%kappa(o))
-         end associate
-         residual = fit%residual(law%first:law%last, o)
-         residual = (residual - sum(residual)/size(residual))**2
+         estimate%tail_factor(:, o) = &
+            tail_factors(tail_ratio(law, centred(:, o)**2, &
+                                    (fit%predicted(:, o) &
+                                     - dot_product(law%share, fit%predicted(:, o)))**2)**2, &
+                         estimate%kappa(o))
+         square = (fit%residual(:, o) - dot_product(law%share, fit%residual(:, o)))**2
          fit_variance = dot_product(law%weight, centred(:, o)**2)
-         residual_variance = sum(residual)/size(residual)
+         residual_variance = dot_product(law%share, square)
          estimate%value(o) = sqrt(max(fit_variance + residual_variance, tiny(1.0_wp)))
-         estimate%bias(o) = 0.5_wp*(estimate%value(o) - sqrt(fit_variance))
-         associate (own => estimate%influence(law%first:law%last, o))
-            own = own + 0.5_wp*(residual - residual_variance)/size(residual)
+         addition(o) = addition(o)/estimate%value(o)
+         estimate%bias(o) = 0.5_wp*(estimate%value(o) - sqrt(fit_variance)) + addition(o)
+         associate (influence => estimate%influence(:, o))
+            influence = (influence + 0.5_wp*law%share*(square - residual_variance)) &
+                        /estimate%value(o)
          end associate
-         estimate%influence(:, o) = estimate%influence(:, o)/estimate%value(o)
+         estimate%value(o) = estimate%value(o) + addition(o)
       end do
    end subroutine law_deviation
 
