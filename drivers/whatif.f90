@@ -1,35 +1,30 @@
 !> `entroslip whatif`: estimates for other laws of the friction, from the samples of a results file.
 module driver_whatif
-   use campaign_plan, only: case_type, kept_dofs, plan_type
-   use campaign_pooling, only: case_pool, pools_of_new_laws
-   use campaign_results, only: case_estimates, case_statistics, n_quantities, spectrum_layout
+   use campaign_plan, only: plan_type
+   use campaign_pooling, only: add_new_laws, case_pool, pools_of_new_laws
+   use campaign_results, only: case_estimates, case_statistics, spectrum_layout
    use config_plan, only: build_plan
    use config_scene, only: complaint_list, parse_scene, scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, exit_no_solution, raise
-   use core_kinds, only: wp
    use core_source, only: new_source, source_type
    use core_terminal, only: say
-   use core_text, only: brief, labelled, line_feed, lowered, numbered, padded, row_text, to_text, &
-                        with_error
+   use core_text, only: line_feed, lowered
    use driver_campaign, only: refuse_unsolved
    use driver_command_line, only: command_line
    use driver_processes, only: solve_processes
    use driver_regression, only: find_estimates
    use driver_statistics, only: find_statistics
+   use driver_whatif_text, only: law_text
    use io_earlier_results, only: read_campaign, stored_in_results
    use io_identity, only: identity_type
    use io_shards, only: shard_type, sort_shards, stored_samples
    use io_store, only: new_store
    use parallel_world, only: start_world, stop_world, world_type
-   use process_model, only: lengths_of, process_model_type, process_request, request_label
-   use statistics_estimates, only: normal_95, statistic_type
+   use process_model, only: process_model_type
+   use statistics_influences, only: most_extrapolation
    implicit none(type, external)
    private
    public :: whatif
-
-   !> largest extrapolation of a law that has an estimate, formula (14) of docs/regression.md
-   real(wp), parameter :: most_extrapolation = 5.0_wp
-   integer, parameter :: number_width = 6, cell_width = 20   !! columns of tables
 
    !> Samples of a results file, and cases without samples for the new laws.
    type :: question_type
@@ -119,7 +114,11 @@ contains
          end associate
          if (options /= '') options = options//line_feed
          call plan_laws(line%scene, text, options//line%overrides, changed, error)
-         if (.not. allocated(error)) call add_new_laws(line%scene, changed, plan, error)
+         if (allocated(error)) return
+         call add_new_laws(changed%processes, plan)
+         if (all(plan%cases%n_samples > 0)) &
+            call raise(error, exit_bad_input, line%scene//': has samples of this law: see its '// &
+                       'report')
       end associate
    end subroutine read_question
 
@@ -158,61 +157,27 @@ contains
       plan%excitation = scene%excitation%excitation_settings
    end subroutine plan_laws
 
-   !> Adds the processes of a changed plan that the plan lacks, and their cases without samples.
-   subroutine add_new_laws(path, changed, plan, error)
-      character(*), intent(in) :: path   !! results file
-      type(plan_type), intent(in) :: changed
-      type(plan_type), intent(inout) :: plan
-      type(error_type), allocatable, intent(out) :: error
-      type(case_type), allocatable :: cases(:)
-      integer :: known, p
-
-      do p = 1, size(changed%processes)
-         associate (labels => [(request_label(plan%processes(known)), &
-                                known=1, size(plan%processes))])
-            if (any(labels == request_label(changed%processes(p)))) cycle
-         end associate
-         plan%processes = [plan%processes, changed%processes(p)]
-         cases = pack(plan%cases, plan%cases%process == 1)   ! all levels of the force
-         cases%process = size(plan%processes)
-         cases%n_samples = 0
-         plan%cases = [plan%cases, cases]
-      end do
-      if (all(plan%cases%n_samples > 0)) &
-         call raise(error, exit_bad_input, path//': has samples of this law: see its report')
-   end subroutine add_new_laws
-
    !> Prints the estimates of all new laws. An error says that none of them has any.
    subroutine print_estimates(plan, pools, estimates, error)
       type(plan_type), intent(in) :: plan
       type(case_pool), intent(in) :: pools(:)
       type(case_estimates), intent(in) :: estimates(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: samples, tables
-      integer :: c, i, p
       logical :: has_all, has_any
+      integer :: i, p
 
       has_all = .true.
       has_any = .false.
       do p = 1, size(pools)
-         samples = ''
-         do i = 1, size(pools(p)%cases)
-            c = pools(p)%cases(i)
-            if (pools(p)%n_fitted(i) > 0) then
-               if (i > 1) samples = samples//', '
-               samples = samples//to_text(pools(p)%n_fitted(i))//' of '//numbered('c', c)
-            else
-               associate (is_near => estimates(c)%best%numbers%ratio <= most_extrapolation)
-                  tables = '-'
-                  if (any(is_near)) tables = tables_text(plan, estimates(c)%best)
+         associate (laws => pack(pools(p)%cases, pools(p)%n_fitted == 0))
+            do i = 1, size(laws)
+               call say(law_text(plan, pools(p), laws(i), estimates(laws(i))%best))
+               associate (is_near => estimates(laws(i))%best%numbers%ratio <= most_extrapolation)
                   has_all = has_all .and. all(is_near)
                   has_any = has_any .or. any(is_near)
                end associate
-               call say(labelled('law', law_text(plan%processes(plan%cases(c)%process))) &
-                        //labelled('force', force_text(plan, plan%cases(c))) &
-                        //labelled('samples', samples)//tables)
-            end if
-         end do
+            end do
+         end associate
       end do
       if (.not. has_any) then
          call raise(error, exit_no_solution, 'the samples do not reach this law: name it in '// &
@@ -221,98 +186,5 @@ contains
          call say('-: too far from the samples; name the law in the scene, and run')
       end if
    end subroutine print_estimates
-
-   !> Text on a process, such as 'mean = 0.2, std = 0.1, L0 = 1.0, order = 5'.
-   pure function law_text(request) result(text)
-      type(process_request), intent(in) :: request
-      character(:), allocatable :: text
-
-      text = 'mean = '//to_text(request%mean)//', std = '//to_text(request%std)//', '// &
-             lengths_of(request)//', order = '//to_text(request%order)
-   end function law_text
-
-   !> Text on the force of a case, such as 'variance = 41.1'.
-   pure function force_text(plan, case) result(text)
-      type(plan_type), intent(in) :: plan
-      type(case_type), intent(in) :: case
-      character(:), allocatable :: text
-
-      select case (plan%excitation%kind)
-      case ('band_limited')
-         text = 'variance'
-      case ('sine')
-         text = 'frequency = '//to_text(case%frequency)//', amplitude'
-      case default
-         text = 'factor'
-      end select
-      text = text//' = '//to_text(case%strength)
-   end function force_text
-
-   !> Tables of the estimates of a case: of the joints, then of the dofs.
-   pure function tables_text(plan, best) result(text)
-      type(plan_type), intent(in) :: plan
-      type(case_statistics), intent(in) :: best
-      character(:), allocatable :: text
-      character(24), parameter :: names(n_quantities) = [character(24) :: 'time in slip [%]', &
-                                                         'distance of slip [m]', 'dissipation [J]']
-      real(wp), parameter :: scales(n_quantities) = [100.0_wp, 1.0_wp, 1.0_wp]
-      integer :: i, q
-
-      text = ''
-      associate (n => plan%structure%n_joints, percentiles => plan%output%percentiles)
-         do q = 1, n_quantities
-            text = text//table_text(trim(names(q)), 'joint', [(i, i=1, n)], 'std', percentiles, &
-                                    scales(q), best%numbers(n*(q - 1) + 1:n*q, :))
-         end do
-         if (size(best%numbers, 1) > n*n_quantities) &
-            text = text//table_text('amplitude [m]', 'dof', [(i, i=1, plan%structure%n_dof)], &
-                                    'std', percentiles, 1.0_wp, &
-                                    best%numbers(n*n_quantities + 1:, :))
-         if (allocated(best%pseudo_variances)) &
-            text = text//table_text('pseudo-variance [m^2]', 'dof', kept_dofs(plan), &
-                                    'band ratio', percentiles, 1.0_wp, best%pseudo_variances)
-      end associate
-   end function tables_text
-
-   !> Table of statistics: the mean, the percentiles and a last one. Those of a law that is too far
-   !> from the samples are dashes.
-   pure function table_text(title, place, numbers, last, percentiles, scale, rows) result(text)
-      character(*), intent(in) :: title   !! quantity and unit
-      character(*), intent(in) :: place   !! heading of the numbers
-      integer, intent(in) :: numbers(:)   !! (row)
-      character(*), intent(in) :: last    !! heading of the last statistic
-      real(wp), intent(in) :: percentiles(:)   !! [%]
-      real(wp), intent(in) :: scale            !! factor on the statistics
-      type(statistic_type), intent(in) :: rows(:, :)   !! (row, statistic)
-      character(:), allocatable :: cells, columns, text
-      integer :: i, s
-
-      columns = padded(place, number_width)//'|'//padded('mean', cell_width)
-      do s = 1, size(percentiles)
-         columns = columns//'|'//padded(brief(percentiles(s))//' %', cell_width)
-      end do
-      columns = columns//'|'//last
-      text = title//line_feed//row_text(columns, columns)
-      do i = 1, size(rows, 1)
-         cells = to_text(numbers(i))
-         do s = 1, size(rows, 2)
-            cells = cells//'|'//cell_text(rows(i, s), scale)
-         end do
-         text = text//row_text(columns, cells)
-      end do
-   end function table_text
-
-   !> A statistic with its standard error; that of a percentile is taken from its interval.
-   pure function cell_text(statistic, scale) result(text)
-      type(statistic_type), intent(in) :: statistic
-      real(wp), intent(in) :: scale
-      character(:), allocatable :: text
-      real(wp) :: error
-
-      error = statistic%error + (statistic%high - statistic%low)/(2.0_wp*normal_95)
-      text = '-'
-      if (statistic%ratio <= most_extrapolation) &
-         text = with_error(scale*statistic%value, scale*error)
-   end function cell_text
 
 end module driver_whatif

@@ -1,18 +1,18 @@
 !> Groups cases into pools, whose samples one regression uses: cases that differ only in the law of
 !> the friction, under one force record. Draws from that law.
 module campaign_pooling
-   use campaign_plan, only: have_same_force, plan_type
+   use campaign_plan, only: case_type, have_same_force, plan_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
    use core_text, only: to_text
-   use process_model, only: process_model_type, request_label
+   use process_model, only: process_model_type, process_request, request_label
    use process_realization, only: n_chains_of, draw_chains, draw_points
    use process_reference, only: has_one_value
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: case_pool, draw_law, estimators_of, find_input_points, find_pools, fitted_samples, &
-             plan_draws, pools_of_new_laws, reason_for_plain, sharing_cases
+   public :: add_new_laws, case_pool, draw_law, estimators_of, find_input_points, find_pools, &
+             fitted_samples, plan_draws, pools_of_new_laws, reason_for_plain, sharing_cases
 
    integer, parameter, public :: fewest_samples = 25   !! samples of a case with a regression
    integer, parameter :: most_inputs = 64              !! friction values of a sample
@@ -96,6 +96,24 @@ contains
 
       fitted_samples = min(max(n, min(n_cases*n, real(most_pooled, wp))), real(most_samples, wp))
    end function fitted_samples
+
+   !> Adds the processes that a plan lacks, and cases of them without samples.
+   pure subroutine add_new_laws(processes, plan)
+      type(process_request), intent(in) :: processes(:)
+      type(plan_type), intent(inout) :: plan
+      type(case_type), allocatable :: cases(:)
+      integer :: i, p
+
+      do p = 1, size(processes)
+         if (any([(request_label(plan%processes(i)) == request_label(processes(p)), &
+                   i=1, size(plan%processes))])) cycle
+         plan%processes = [plan%processes, processes(p)]
+         cases = pack(plan%cases, plan%cases%process == 1)   ! all levels of the force
+         cases%process = size(plan%processes)
+         cases%n_samples = 0
+         plan%cases = [plan%cases, cases]
+      end do
+   end subroutine add_new_laws
 
    !> Pools for cases without samples, whose laws are new: for each force these cases and those
    !> whose samples serve them, of which a pool takes no more than it may have. If cases are not

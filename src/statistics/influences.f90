@@ -16,6 +16,8 @@ module statistics_influences
 
    !> for means of exponentials the variance of G is computed at every 4th point
    integer, parameter, public :: thinning = 4
+   !> largest extrapolation of a law that has an estimate, formula (14)
+   real(wp), parameter, public :: most_extrapolation = 5.0_wp
    real(wp), parameter :: largest_ratio = 4.0_wp           !! upper limit of E
    real(wp), parameter :: largest_density_ratio = 3.0_wp   !! the same for mean densities
 

@@ -54,9 +54,9 @@ contains
       end do
    end subroutine law_mean
 
-   !> Estimates the standard deviation, the root of the variance of G plus that of the residuals over
-   !> the law's shares of the samples; half of what the residuals add is the bias. Of a law without
-   !> samples it adds, as law_mean does, half the mean of y - G times the derivative by G.
+   !> Estimates the standard deviation, the root of the variance of G plus that of the residuals
+   !> over the law's shares of the samples; half of what the residuals add is the bias. Of a law
+   !> without samples it adds, as law_mean does, half the mean of y - G times the derivative by G.
    subroutine law_deviation(surrogate, fit, law, values, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
