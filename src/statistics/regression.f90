@@ -135,7 +135,7 @@ contains
       do o = 1, size(values, 2)
          call find_quantile(values(:, o), law%weight, p, half_window, of_fit, points)
          average_row(:, o) = mean_column(law%rows, points)
-         call add_residuals_near(fit, o, law, values(:, o), of_fit, near(:, o), sums)
+         call add_residuals_near(fit, o, values(:, o), of_fit, near(:, o), sums)
          call find_quantile(sums, law%weight, p, 0.0_wp, of_sums, points)
          estimate%value(o) = 0.5_wp*(of_fit + of_sums)
          estimate%bias(o) = 0.5_wp*(of_fit - of_sums)   ! inwards, as plain sampling's
@@ -151,12 +151,11 @@ contains
       end do
    end subroutine law_percentile
 
-   !> Adds to each value the residual of a sample predicted near it, less the mean residual of the
-   !> case. The samples near are the same for all values in one part of the range of predictions.
-   pure subroutine add_residuals_near(fit, o, law, values, of_fit, near, sums)
+   !> Adds to each value the residual of a sample predicted near it, less the mean residual. The
+   !> samples near are the same for all values in one part of the range of predictions.
+   pure subroutine add_residuals_near(fit, o, values, of_fit, near, sums)
       type(fit_type), intent(in) :: fit
       integer, intent(in) :: o                        !! output
-      type(case_law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:)   !! (point)
       real(wp), intent(in) :: of_fit                  !! percentile of G
       integer, intent(out) :: near(:)                 !! samples predicted near it
@@ -165,9 +164,7 @@ contains
       integer :: before(size(fit%n_below, 1))         ! (part) samples before those near
       integer :: first, m
 
-      associate (own => fit%residual(law%first:law%last, o))
-         residual = fit%residual(fit%ranking(:, o), o) - sum(own)/size(own)
-      end associate
+      residual = fit%residual(fit%ranking(:, o), o) - sum(fit%residual(:, o))/size(residual)
       before = max(0, min(fit%n_below(:, o) - size(near)/2, size(residual) - size(near)))
       do first = 0, size(values) - 1, size(near)   ! takes them in turn
          do m = 1, min(size(near), size(values) - first)
