@@ -76,7 +76,7 @@ contains
       stiffness = without_diagonal(stiffness)
       series%rate = series%h*fastest_rate(structure)
       error = tolerance/(parts*memory*max(structure%n_dof, 5))
-      series%degree = degree_for(series%rate, error)
+      series%degree = degree_for(series%rate, min(error, 0.25_wp*tolerance*series%rate**3))
       allocate (series%operators(0:series%degree - 2))
       allocate (share, source=abs(damping))   ! an assignment would read undefined bounds
       call weigh_by_motion(structure, dt, share)
@@ -106,7 +106,7 @@ contains
       end associate
    end function fastest_rate
 
-   !> Lowest degree P whose error in one part is not above a bound (1).
+   !> Lowest degree P whose error in one part is not above a bound, (1) or (1a).
    pure function degree_for(rate, most) result(degree)
       real(wp), intent(in) :: rate   !! fastest rate times h, at most about 1
       real(wp), intent(in) :: most   !! bound of rate^(P + 1)/(P + 1)!
