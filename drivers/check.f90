@@ -28,6 +28,8 @@ module driver_check
 
    !> Expected processor time of the trial march that predicts the statistical error [s].
    real(wp), parameter :: budget = 4.0_wp
+   real(wp), parameter :: most_seconds = 6.0_wp   !! longest expected time of trial marches [s]
+   real(wp), parameter :: most_pilot = 3.0_wp     !! longest expected time of the pilot march [s]
 
 contains
 
@@ -41,15 +43,14 @@ contains
       type(cost_type) :: cost
       character(:), allocatable :: choice, need, text
       logical :: is_quiet
-      real(wp), allocatable :: unused(:, :)
       type(error_type), allocatable :: error, oversize
 
       call start_world(world)
       call load_plan(line, scene, plan, error)
       call world%stop_on(error)
       is_quiet = line%has('--quiet') .or. .not. world%is_root()
-      call choose_setting(world, is_quiet, scene, plan, choice)
-      call choose_spectrum_step(world, plan, scene%force, unused, error)
+      call choose_setting(world, is_quiet, scene, plan, choice, most_seconds)
+      call choose_spectrum_step(world, plan, scene%force, most_pilot, error)
       if (plan%has_structure .and. world%is_root() .and. .not. allocated(error)) &
          call measure_cost(plan, scene%force, cost, error)
       call world%stop_on(error)
@@ -63,6 +64,10 @@ contains
             call refuse_oversize(plan, oversize)
             if (allocated(oversize)) text = text//'note: '//oversize%message//line_feed
             if (cost%n_steps > 0) text = text//march_text(cost)
+            if (plan%has_structure .and. plan%output%spectrum .and. &
+                plan%output%spectrum_every == 0) &
+               text = text//labelled('not tried', 'output%spectrum_every is left to run, as '// &
+                                     'its march takes long: here spectra are of every step')
             text = text//choice//need
             call say(text(:len(text) - 1))
          end if
@@ -130,11 +135,16 @@ contains
       if (all(plan%cases%process == 0)) return
       call solve_processes(world, plan, is_quiet, models)
       if (.not. all(models%is_solved)) return
-      call measure_settings(world, plan, force, trial_scope(budget=budget, has_settings=.false., &
+      call measure_settings(world, plan, force, trial_scope(budget, most_seconds, &
+                                                            has_settings=.false., &
                                                             is_statistical=.true., models=models), &
                             is_quiet, measured, is_stopped, error)
       call world%stop_on(error)
       if (is_stopped) call stop_world(exit_stopped)
+      if (.not. allocated(measured%tasks)) then
+         text = labelled('statistics', 'target_statistical is left to run: trial marches take long')
+         return
+      end if
       associate (s => plan%integration, wanted => plan%accuracy%target_statistical, &
                  n_now => plan%cases%n_samples)
          predicted = predicted_slip_error(plan, measured)

@@ -158,7 +158,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: folded_share(:, :)
 
-      call choose_spectrum_step(world, plan, force, folded_share, error)
+      call choose_spectrum_step(world, plan, force, huge(1.0_wp), error, folded_share)
       if (.not. allocated(error)) call prepare_runner(plan, force, runner, error)
       call move_alloc(folded_share, runner%folded_share)
    end subroutine prepare_march

@@ -34,7 +34,8 @@ module driver_trial_runs
 
 contains
 
-   !> Runs the trial marches of a scope. Every rank gets all results. Collective.
+   !> Runs the trial marches of a scope, or none if they exceed scope%most_seconds: then no tasks
+   !> are allocated. Every rank gets all results. Collective.
    subroutine measure_settings(world, plan, force, scope, is_quiet, tradeoff, is_stopped, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
@@ -45,15 +46,14 @@ contains
       logical, intent(out) :: is_stopped     !! true: stopped early, results are missing
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: thinned
-      real(wp), allocatable :: unused(:, :)
 
       thinned = plan
-      call choose_spectrum_step(world, thinned, force, unused, error)
+      call choose_spectrum_step(world, thinned, force, scope%most_seconds, error)
       call world%stop_on(error)
       call new_tradeoff(thinned, force, scope, time_to_stop, tradeoff, error)
       call world%stop_on(error)
       is_stopped = world%any_true(time_to_stop())
-      if (is_stopped) return
+      if (is_stopped .or. .not. allocated(tradeoff%tasks)) return
       if (.not. is_quiet) &
          call say(to_text(size(tradeoff%tasks))//' trial marches, '// &
                   duration(sum(tradeoff%seconds)/world%n_ranks)//' on '// &
@@ -62,18 +62,25 @@ contains
       is_stopped = world%any_true(time_to_stop())
    end subroutine measure_settings
 
-   !> Chooses output%spectrum_every of a plan with spectra, the same on every rank. Collective.
-   subroutine choose_spectrum_step(world, plan, force, folded_share, error)
+   !> Chooses output%spectrum_every of a plan with spectra, the same on every rank; leaves it 0 if
+   !> the pilot march is expected to take longer than most_seconds. Collective.
+   subroutine choose_spectrum_step(world, plan, force, most_seconds, error, folded_share)
       type(world_type), intent(in) :: world
       type(plan_type), intent(inout) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
-      real(wp), allocatable, intent(out) :: folded_share(:, :)   !! (dof, case) of the variance
+      real(wp), intent(in) :: most_seconds   !! processor time [s]
       type(error_type), allocatable, intent(out) :: error
+      !> (dof, case) share of the variance that is folded
+      real(wp), allocatable, intent(out), optional :: folded_share(:, :)
+      real(wp), allocatable :: share(:, :)
 
       if (.not. (plan%has_structure .and. plan%output%spectrum)) return
-      if (world%is_root()) call choose_every(plan, force, folded_share, error)
+      if (plan%output%spectrum_every > 0 .and. .not. present(folded_share)) return
+      if (world%is_root()) call choose_every(plan, force, most_seconds, share, error)
       plan%output%spectrum_every = world%maximum(plan%output%spectrum_every)   ! chosen from 0
-      call world%broadcast(folded_share)
+      if (.not. present(folded_share)) return
+      call world%broadcast(share)
+      call move_alloc(share, folded_share)
    end subroutine choose_spectrum_step
 
    !> Runs the tasks, shared among the ranks, and gives every rank all results. Collective.
@@ -122,14 +129,17 @@ contains
 
    !> Replaces the scene's setting if the scene has a target of numerical error. Ends the run if no
    !> setting keeps it, or if it is asked to stop. The choice does not depend on campaign%n_samples,
-   !> so that a campaign can be extended. Collective.
-   subroutine choose_setting(world, is_quiet, scene, plan, choice)
+   !> so that a campaign can be extended. Chooses nothing, and says so, if the marches are expected
+   !> to take longer than most_seconds. Collective.
+   subroutine choose_setting(world, is_quiet, scene, plan, choice, most_seconds)
       type(world_type), intent(in) :: world
       logical, intent(in) :: is_quiet
       type(scene_type), intent(inout) :: scene
       type(plan_type), intent(inout) :: plan
       character(:), allocatable, intent(out) :: choice   !! lines on the choice; '' without target
+      real(wp), intent(in), optional :: most_seconds   !! processor time [s]
       type(plan_type) :: trial   ! plan with at least a block of samples
+      type(trial_scope) :: scope
       type(tradeoff_type) :: measured
       type(setting_row), allocatable :: rows(:)
       type(setting_row) :: nearest
@@ -146,10 +156,17 @@ contains
          trial = plan
          where (trial%cases%process > 0) &
             trial%cases%n_samples = max(trial%cases%n_samples, samples_of_block(plan, scene%force))
-         call measure_settings(world, trial, scene%force, trial_scope(budget=budget), is_quiet, &
-                               measured, is_stopped, error)
+         scope = trial_scope(budget=budget)
+         if (present(most_seconds)) scope%most_seconds = most_seconds
+         call measure_settings(world, trial, scene%force, scope, is_quiet, measured, is_stopped, &
+                               error)
          call world%stop_on(error)
          if (is_stopped) call stop_world(exit_stopped)
+         if (.not. allocated(measured%tasks)) then
+            choice = labelled('accuracy', 'the setting for the targets is left to run: its '// &
+                              'trial marches take long')
+            return
+         end if
          rows = setting_rows_of(measured)
          chosen = minloc(rows%work, 1, mask=meets_targets(rows, points, ratio))
          if (chosen == 0) then

@@ -29,7 +29,9 @@ module tradeoff_forecast
    public :: cost_type, end_seconds, measure_cost
 
    real(wp), parameter :: budget = 0.4_wp             !! expected processor time of the marches [s]
-   integer, parameter :: fewest_steps = 1200
+   integer, parameter :: fewest_steps = 1200          !! unless they take most_time
+   real(wp), parameter :: most_time = 2.0e9_wp        !! [ns]
+   real(wp), parameter :: least_steps = 64.0_wp
 
    !> Measured processor time, a mean over all samples. Includes spectra and other kept results.
    type :: cost_type
@@ -70,8 +72,7 @@ contains
       call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
                           error, prepared=shortest)
       if (allocated(error)) return
-      short%output%segment_length = min(short%output%segment_length, runner%layout%every &
-                                        *(cost%n_steps/runner%layout%every))
+      call limit_steps(cost%n_steps, short)
       do k = 1, size(levels)
          call draw_level(short, runner, cost%n_steps, levels(k), error)
          if (allocated(error)) return
@@ -81,18 +82,33 @@ contains
       end do
    end subroutine measure_cost
 
-   !> Number of steps that the budget and the memory of histories allow.
+   !> Limits a march to n_steps, and its segments to the records of them.
+   pure subroutine limit_steps(n_steps, plan)
+      integer, intent(in) :: n_steps
+      type(plan_type), intent(inout) :: plan
+
+      plan%integration%n_steps = n_steps
+      associate (every => max(1, plan%output%spectrum_every), output => plan%output)
+         output%segment_length = min(output%segment_length, every*(n_steps/every))
+      end associate
+   end subroutine limit_steps
+
+   !> Number of steps that the budget and the memory of histories allow, or fewest_steps within
+   !> most_time.
    pure integer function steps_for(plan, n_samples, own)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: n_samples(:)     !! (level)
       type(setting_type), intent(in) :: own   !! setting of the scene, with its counted work
-      real(wp) :: most
+      real(wp) :: fewest, most, step_time   ! [ns]
 
-      most = 1.0e9_wp*budget/sum(n_samples*expected_cost(own, plan%structure%n_dof, n_samples, &
-                                                         assumed_transitions))
+      step_time = sum(n_samples*expected_cost(own, plan%structure%n_dof, n_samples, &
+                                              assumed_transitions))
+      most = 1.0e9_wp*budget/step_time
+      fewest = min(1.0_wp*fewest_steps, max(most_time/step_time, least_steps, &
+                                            2.0_wp*plan%output%spectrum_every))
       if (plan%output%history) &
          most = min(most, history_memory/(16.0_wp*size(kept_dofs(plan))*sum(n_samples)))
-      steps_for = min(plan%integration%n_steps, max(fewest_steps, int(min(most, 1.0e9_wp))))
+      steps_for = min(plan%integration%n_steps, int(min(max(fewest, most), 1.0e9_wp)))
    end function steps_for
 
    !> Times the march of one force level by the scene's method and by that of audits, whose blocks
@@ -108,7 +124,8 @@ contains
       type(runner_type) :: audit_runner
       type(level_type) :: audited
       type(block_result) :: result
-      real(wp) :: nanoseconds
+      type(setting_type) :: own
+      real(wp) :: n_steps, nanoseconds
       integer :: dof, n
 
       call time_march(plan, prepared, level, result, nanoseconds, error)
@@ -127,6 +144,11 @@ contains
       audit = plan
       audit%integration = reference_for(plan%integration)
       audit%output = kept_of(plan, size(plan%cases))
+      own = own_setting(audit)
+      own%work = prepared%reference%work
+      n_steps = max(least_steps, most_time/(n*expected_cost(own, plan%structure%n_dof, n, &
+                                                            assumed_transitions)))
+      call limit_steps(int(min(n_steps, 1.0_wp*plan%integration%n_steps)), audit)
       call move_alloc(prepared%reference, audit_runner%marcher)
       call time_march(audit, audit_runner, audited, result, nanoseconds, error)
       call move_alloc(audit_runner%marcher, prepared%reference)

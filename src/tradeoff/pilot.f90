@@ -11,8 +11,8 @@ module tradeoff_pilot
    use campaign_size, only: memory_of_pilot, most_pilot_memory, pilot_segments
    use core_error, only: error_type
    use core_kinds, only: wp
-   use tradeoff_sample, only: level_type, march_level, only_slip_and_spectra
-   use tradeoff_settings, only: own_setting
+   use tradeoff_sample, only: assumed_transitions, level_type, march_level, only_slip_and_spectra
+   use tradeoff_settings, only: expected_cost, own_setting, setting_type
    implicit none(type, external)
    private
    public :: choose_every
@@ -25,14 +25,17 @@ module tradeoff_pilot
 contains
 
    !> Chooses k unless the plan has it: the largest power of two that folds a negligible share of
-   !> the variance at every dof of every case. Returns the shares that it folds.
-   subroutine choose_every(plan, file_force, folded_share, error)
+   !> the variance at every dof of every case. Returns the shares that it folds. Leaves the plan as
+   !> it is, and the shares unallocated, if the march is expected to take longer than most_seconds.
+   subroutine choose_every(plan, file_force, most_seconds, folded_share, error)
       type(plan_type), intent(inout) :: plan
       real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
+      real(wp), intent(in) :: most_seconds        !! processor time [s]
       real(wp), allocatable, intent(out) :: folded_share(:, :)   !! (dof, case) of the variance
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: short
       type(runner_type) :: runner
+      type(setting_type) :: own
       real(wp), allocatable :: share(:, :, :)   ! (dof, march, k)
       integer, allocatable :: every(:), marched(:)
       integer :: c, first, i, n, together, twin(size(plan%cases))
@@ -43,6 +46,10 @@ contains
       if (allocated(error)) return
       twin = [(first_alike(plan, c), c=1, size(plan%cases))]
       marched = pack([(c, c=1, size(plan%cases))], twin == [(c, c=1, size(plan%cases))])
+      own = own_setting(plan)
+      own%work = runner%marcher%work
+      if (1.0e-9_wp*n*size(marched)*expected_cost(own, plan%structure%n_dof, size(marched), &
+                                                  assumed_transitions) > most_seconds) return
       every = choices(plan%output%spectrum_every, plan%output%segment_length)
       allocate (share(plan%structure%n_dof, size(marched), size(every)))
       together = max(1, min(size(marched), int(most_pilot_memory/memory_of_pilot(plan))))

@@ -47,6 +47,8 @@ module tradeoff_tasks
    !> Parts of a tradeoff that are wanted. Statistical parts and variants need models.
    type :: trial_scope
       real(wp) :: budget = 0.0_wp         !! expected processor time of the marches [s]
+      !> longest expected processor time [s] where the fewest useful steps exceed the budget
+      real(wp) :: most_seconds = huge(1.0_wp)
       !> true: for a table of settings, with other steps than the scene's too, and timed with its
       !> energy balance and histories
       logical :: for_table = .false.
@@ -86,7 +88,8 @@ module tradeoff_tasks
 contains
 
    !> Chooses the marches within the budget of expected cost, marches the references, and lists the
-   !> tasks.
+   !> tasks. Marches nothing and lists none if they are expected to take longer than
+   !> scope%most_seconds.
    subroutine new_tradeoff(plan, file_force, scope, should_stop, tradeoff, error)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: file_force(0:, :)   !! (step, 1 or sample) [N]; else of size 0
@@ -135,6 +138,9 @@ contains
          end if
          tradeoff%plan = shortened(plan, unit, affordable(scope%budget, cost))
          tradeoff%long_plan = shortened(plan, unit*n_batches, affordable(scope%budget, long_cost))
+         if (1.0e-9_wp*max(cost*tradeoff%plan%integration%n_steps, &
+                           merge(long_cost, 0.0_wp, scope%is_statistical) &
+                           *tradeoff%long_plan%integration%n_steps) > scope%most_seconds) return
          cost = tradeoff%n_variant_samples*step_cost*n_levels*max(1, size(tradeoff%scope%variants))
          tradeoff%wide = shortened(plan, unit, affordable(0.3_wp*scope%budget, cost))
       end associate

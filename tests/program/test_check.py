@@ -50,6 +50,18 @@ MOTION = """\
 """
 
 
+def test_long_trial_marches_are_left_to_the_run(entroslip, tmp_path):
+    """Springs that take 64 parts a step: the pilot march of long segments would take a minute."""
+    stiff = MOTION.replace("n_dof = 2", "n_dof = 8 coupling_stiffness = 4e7")
+    (tmp_path / "stiff.nml").write_text(stiff.replace("audit = 0.1", "target_slip_points = 0.1"))
+    quantities = ("--set", "output%quantities='slip','spectrum'")
+    long = ("--set", "output%segment_length=65536", "--set", "integration%n_steps=300000")
+    done = entroslip("check", "stiff.nml", *quantities, *long)
+    assert done.returncode == 0, done.stderr
+    for value in ("spectrum_every", "targets", "target_statistical"):
+        assert f"{value} is left to run" in done.stdout
+
+
 def test_cost_of_a_statistical_target_is_forecast(entroslip, tmp_path):
     """Predicted number of samples against that of `run`: a factor of two, and one block of 32."""
     (tmp_path / "scene.nml").write_text(MOTION)
