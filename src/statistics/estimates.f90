@@ -247,8 +247,7 @@ contains
    !> Standard error e' of a value that is not negative with value + 1.96 e' = value
    !> exp(1.96 error/value), the upper end of the interval of its logarithm; e'/error is at most
    !> that of error = value. Where the few large samples that carry the value are missing, it and
-   !> its error are both too small. A fit far from its samples may give a negative value, whose
-   !> error stays.
+   !> its error are both too small. The error of a negative value stays.
    elemental real(wp) function upward_error(value, error)
       real(wp), intent(in) :: value, error
       real(wp) :: relative
@@ -258,11 +257,13 @@ contains
       if (relative > 0.0_wp) upward_error = error*(exp(relative) - 1.0_wp)/relative
    end function upward_error
 
-   !> Statistic that is not negative: its standard error is that of upward_error.
+   !> Statistic that is not negative, with the standard error of upward_error. A fit far from its
+   !> samples may give a negative value: zero is nearer to the truth.
    elemental type(statistic_type) function nonnegative_statistic(value, error, ratio)
       real(wp), intent(in) :: value, error, ratio   !! as in statistic_type
 
-      nonnegative_statistic = statistic_type(value, upward_error(value, error), ratio=ratio)
+      nonnegative_statistic = statistic_type(max(0.0_wp, value), upward_error(value, error), &
+                                             ratio=ratio)
    end function nonnegative_statistic
 
    !> Standard error e' with value - 1.96 e' = value exp(-1.96 error/value).

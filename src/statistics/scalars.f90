@@ -90,6 +90,7 @@ contains
             call combine(law, point_error, fitted, sampled, &
                          [(0.0_wp, i=1, n_numbers)], blended)
             best(:, 1) = nonnegative_statistic(blended%value, blended%error, blended%ratio)
+            where (is_fraction) best(:, 1)%value = min(1.0_wp, best(:, 1)%value)
             if (law%has_samples) then
                where (is_fraction) best(:, 1)%error = &
                   min(best(:, 1)%error, &
