@@ -23,6 +23,7 @@ from .reduction import condensed, craig_bampton
 from .scene import Joint, SceneOptions, load_of, read_process, stuck, write_scene
 
 _SHOWN = 10  # frequencies
+_LEAST_HZ = 1.0e-3  # of the last frequency shown; below it M and K are probably exchanged
 _RIGHT = 0.01  # relative error of a frequency
 _DEFAULT = "default: %(default)s"
 
@@ -60,7 +61,10 @@ def _described(whole: Pair, pair: Pair, joints: Sequence[Joint], n_rigid: int) -
     lines = [f"{pair.n_dof} dofs, joints: {len(joints)}"]
     lines += [f"mass, {what}: {mass:.6g}" for what, mass in total_mass(whole).items()]
     lines.append(f"rigid modes without joints: {n_rigid}")
-    lines.append(f"frequencies without joints [Hz]: {_listed(frequencies(pair, _SHOWN))}")
+    free = frequencies(pair, _SHOWN)
+    lines.append(f"frequencies without joints [Hz]: {_listed(free)}")
+    if 0.0 < free[-1] < _LEAST_HZ:
+        lines.append("note: these frequencies are very low: are --mass and --stiffness exchanged?")
     if joints:
         if any(joint.stiffness is None for joint in joints):
             lines.append("stiffness of the joints: an example, that of K at their dofs")
@@ -142,7 +146,7 @@ def _parser() -> Parser:
     add = commands.add_parser("import", help="M and K of another program, reduced if asked")
     add.add_argument(
         "--mass", required=True, metavar="FILE[:NAME]",
-        help=".mat, .npy, .npz, Matrix Market, Abaqus text, Nastran DMIG or OP4",
+        help=".mat, .npy, .npz, Matrix Market, rows of text, Abaqus text, Nastran DMIG or OP4",
     )  # fmt: skip
     add.add_argument("--stiffness", required=True, metavar="FILE[:NAME]", help="without the joints")
     add.add_argument(

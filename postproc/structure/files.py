@@ -1,4 +1,4 @@
-"""Matrices from files: .mat, .npy, .npz, Matrix Market, Abaqus text, Nastran DMIG and OP4."""
+"""Matrices from files: .mat, .npy, .npz, Matrix Market, rows, Abaqus text, Nastran DMIG and OP4."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ _NAMES = {
     "C": ("c", "d", "damping", "damping_matrix", "baa", "baax", "bgg", "b2gg", "cred"),
 }
 _MATRIX_MARKET = "Matrix Market"
+_ROWS = "rows of text"
 _MOST_ROWS = 10_000_000  # of a matrix without names of dofs; more is no matrix
 
 
@@ -104,6 +105,8 @@ def _read(source: str, letter: str) -> _Read:
     head = path.open("rb").read(4096)
     if ending not in _READERS and head.startswith(b"%%MatrixMarket"):
         ending = _MATRIX_MARKET
+    elif ending not in _READERS and _has_rows(head):
+        ending = _ROWS
     if ending in _READERS:
         kind, read = _READERS[ending]
         try:
@@ -249,6 +252,24 @@ def _matrix_market(path: Path) -> dict[str, Any]:
     return {"": scipy.io.mmread(path)}
 
 
+def _has_rows(head: bytes) -> bool:
+    """True if a text begins with a row of a matrix.
+
+    An entry of Abaqus has three or five values, first a whole number.
+    """
+    words = head.split(b"\n")[0].replace(b",", b" ").split()
+    try:
+        numbers = [float(word) for word in words[:6]]
+    except ValueError:
+        return False
+    return len(numbers) > 0 and not (len(numbers) in (3, 5) and words[0].isdigit())
+
+
+def _rows(path: Path) -> dict[str, Any]:
+    has_commas = b"," in path.open("rb").readline()
+    return {"": np.loadtxt(path, delimiter="," if has_commas else None, ndmin=2)}
+
+
 # By the ending of the file: what it is called in messages, and its matrices by name.
 _READERS: dict[str, tuple[str, Callable[[Path], dict[str, Any]]]] = {
     ".npy": ("a NumPy array", _npy),
@@ -256,4 +277,5 @@ _READERS: dict[str, tuple[str, Callable[[Path], dict[str, Any]]]] = {
     ".mat": ("a MATLAB file", _mat),
     ".op4": ("OP4", _op4),
     _MATRIX_MARKET: (_MATRIX_MARKET, _matrix_market),
+    _ROWS: (_ROWS, _rows),
 }

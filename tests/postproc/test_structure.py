@@ -184,12 +184,15 @@ def in_every_format(folder):
     matlab_7_3(folder / "rod73.mat", Mass=sparse_m, Stiffness=ROD_K)
     scipy.io.mmwrite(folder / "M.mtx", ROD_M)
     scipy.io.mmwrite(folder / "K.mtx", sparse_k)
+    np.savetxt(folder / "M.csv", ROD_M, delimiter=",")
+    np.savetxt(folder / "K.txt", ROD_K)
     return {
         "npy": (folder / "M.npy", folder / "K.npy"),
         "sparse npz": (folder / "M.npz", folder / "K.npz"),
         "mat": (folder / "rod.mat", f"{folder / 'rod.mat'}:rod.K"),
         "mat 7.3": (folder / "rod73.mat", folder / "rod73.mat"),
         "Matrix Market": (folder / "M.mtx", folder / "K.mtx"),
+        "rows of text": (folder / "M.csv", folder / "K.txt"),
         "Abaqus": (SNIPPETS / "rod_MASS1.mtx", SNIPPETS / "rod_STIF1.mtx"),
         "Abaqus COORDINATE": (SNIPPETS / "rod_MASS2.mtx", SNIPPETS / "rod_STIF2.mtx"),
         "DMIG": (SNIPPETS / "rod.pch", f"{SNIPPETS / 'rod.pch'}:KAAX"),
@@ -468,6 +471,16 @@ def spoilt(folder):
                   "the dofs that are not kept can move without force .*: keep more dofs"),
         "condense": (of(f"{a}:K", f"{a}:M", "--condense"), "every dof has mass"),
     }  # fmt: skip
+
+
+def test_exchanged_matrices_are_noted(tmp_path, capsys):
+    """M and K of the rod, the latter held at an end, whose frequencies are of some Hz."""
+    held = ROD_K + np.diag([1000.0, 0.0, 0.0])
+    np.savez(tmp_path / "rod.npz", M=1e-3 * ROD_M, K=1e6 * held)
+    mass, stiffness = f"{tmp_path / 'rod.npz'}:M", f"{tmp_path / 'rod.npz'}:K"
+    for first, second, is_noted in ((mass, stiffness, False), (stiffness, mass, True)):
+        assert main(["import", "--mass", first, "--stiffness", second]) == 0
+        assert ("--mass and --stiffness exchanged?" in capsys.readouterr().out) == is_noted
 
 
 def test_bad_input_is_one_line(tmp_path, capsys):
