@@ -193,16 +193,17 @@ def table_joints(cases: Sequence[Case], quantity: joints.OfJoints) -> Table:
     case_names = [f"{case.name}: {case.force if friction else case.label}" for case in cases]
     cells = [list(map(value_with_error, *quantity.of(case))) for case in cases]
     if len(cases) > len(joint_names):
-        corner, names, lines = "case", [f"joint {name}" for name in joint_names], case_names
+        names = [f"joint {name} [{quantity.unit}]" for name in joint_names]
+        corner, lines = "case", case_names
     else:
-        corner, names, lines = "joint", case_names, joint_names
+        names = [f"[{quantity.unit}] {name}" for name in case_names]
+        corner, lines = "joint", joint_names
         cells = [list(row) for row in zip(*cells, strict=True)]
-    header = (corner, *(f"{name} [{quantity.unit}]" for name in names))
     rows = [(line, *row) for line, row in zip(lines, cells, strict=True)]
     name = "joints" if quantity.name == "slip" else f"joints_{quantity.name}"
     title = f"{quantity.heading} of the joints [{quantity.unit}]{friction and f', {friction}'}"
     return Table(
-        name, title, header, rows, f"{_ERRORS} {quantity.errors(cases)}.",
+        name, title, (corner, *names), rows, f"{_ERRORS} {quantity.errors(cases)}.",
         is_detail=len(cases) > _MOST_COLUMNS or len(rows) > _MOST_ROWS, is_result=True,
     )  # fmt: skip
 

@@ -105,7 +105,7 @@ def test_forces_and_given_friction_are_named():
     joints = table_joints(cases, slip)
     assert joints.title.endswith("[%], deterministic friction")
     assert [name.split(": ")[-1] for name in joints.header[1:]] == [
-        f"variance {LOW:g} [%]", "2 N at 0.5 Hz [%]", "force factor 3 [%]",
+        f"variance {LOW:g}", "2 N at 0.5 Hz", "force factor 3",
     ]  # fmt: skip
 
 
