@@ -20,6 +20,7 @@ module dynamics_exact_modal_terms
    real(wp), parameter :: term_safety = 10.0_wp      !! factor of the error estimates (M8)
    real(wp), parameter :: slide_safety = 3.0_wp      !! factor of sigma (M7), joints that slide on
    real(wp), parameter :: damper_safety = 3.0_wp     !! factor of (M7) for dampers at joints
+   real(wp), parameter :: least_decay = 1.0_wp/2000.0_wp   !! of errors in a step (1)
    real(wp), parameter :: fit_gain = 20.0_wp         !! error of a cut over that of the fit (M7)
    real(wp), parameter :: quintic_error = 3.22e-6_wp  !! max t^2 (t - 1/2)^2 (t - 1)^2/6!
 
@@ -103,11 +104,10 @@ contains
       type(joint_properties), intent(in) :: joints
       real(wp), intent(in) :: dt   !! [s]
       integer, intent(in) :: n_parts
-      real(wp), parameter :: steps = 2000.0_wp
       real(wp) :: sigma(size(joints%compliance))
 
       sigma = joints%compliance*(dt/n_parts)**2*slide_safety &
-              *n_parts/max(joints%decay*dt, 1.0_wp/steps)
+              *n_parts/max(joints%decay*dt, least_decay)
    end function accumulation
 
    !> Error of the paths of joints with n_parts parts a step, relative to the rms displacement (M7).
@@ -179,7 +179,7 @@ contains
       real(wp) :: response(0:n_markov - 1), kernel(0:2), memory, path(4), share(size(rate))
       real(wp) :: on   ! sigma/(share rho) (M8)
       real(wp) :: least, most   ! range of c (M8)
-      real(wp), dimension(size(rate)) :: slack, square   ! |c - det A| at most; det A (block)
+      real(wp), dimension(size(rate)) :: bend, slack, square   ! x''; |c - det A| at most; det A
       real(wp) :: gain(size(joints%gain, 1), blocks%ports*size(rate))
       integer :: d, k, r
 
@@ -205,9 +205,10 @@ contains
       end associate
       square = blocks%block(1, 1, :)*blocks%block(2, 2, :) &
                - blocks%block(1, 2, :)*blocks%block(2, 1, :)
+      slack = abs(blocks%block(1, 1, :) + blocks%block(2, 2, :))
+      bend = blocks%rate*max(blocks%rate, sqrt(max(slack*terms%n_parts, least_decay))/terms%n_parts)
       slack = tolerance/(max(2.0_wp*term_safety, on*mean_of_most/slide_safety)*cubic_error &
-                         *max(share*blocks%rate**2, negligible)) &
-              - abs(blocks%block(1, 1, :) + blocks%block(2, 2, :))*blocks%rate
+                         *max(share*bend, negligible)) - slack*blocks%rate
       least = 0.0_wp
       most = 1.0_wp
       do r = 1, size(rate)
