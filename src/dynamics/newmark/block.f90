@@ -50,6 +50,7 @@ module dynamics_newmark_block
       real(wp), private :: tick_size = 0.0_wp     !! length of a tick [s]
       type(aligned_memory), private :: memory
    contains
+      procedure :: list_trials
       procedure :: switch_at_nearer_end
       procedure :: count_step
    end type newmark_block
@@ -127,6 +128,30 @@ contains
       state%work_input = state%work_input + block%work(1, :)
       state%work_viscous = state%work_viscous + block%work(2, :)
    end subroutine store_block
+
+   !> Lists the next trial steps of some samples, with the changes of the forces over them. Map
+   !> entries are n_patterns level + pattern.
+   pure subroutine list_trials(self, sample, n_patterns)
+      class(newmark_block), intent(inout) :: self
+      integer, intent(in) :: sample(:), n_patterns
+      real(wp) :: ticks_to_share   ! 2^-max_halvings
+      integer :: f, k, level, step
+
+      ticks_to_share = 0.5_wp**self%max_halvings
+      do k = 1, size(sample)
+         associate (w => sample(k))
+            level = self%max_halvings - trailz(self%step_ticks(w))
+            self%trials(k) = newmark_trial(w, int(self%slot(w)), level, &
+                                           n_patterns*level + self%pattern(w))
+            step = int(shiftr(self%tick(w), self%max_halvings))
+            do f = 1, self%n_forces
+               associate (force => self%force(step:step + 1, self%column(w) + f))
+                  self%change(k, f) = self%step_ticks(w)*ticks_to_share*(force(2) - force(1))
+               end associate
+            end do
+         end associate
+      end do
+   end subroutine list_trials
 
    !> Makes the transitions of a smallest step of sample w in which joints cross their limits, at
    !> the end of the step that is nearer to the first crossing. The start is nearer if the margin

@@ -31,7 +31,6 @@ module dynamics_newmark_steps
       integer :: max_halvings = 0
       !> (6, level) factors of a0, a1 in v1; of v0 (h), a0, a1 in x1; (1 - gamma)/gamma
       real(wp), allocatable :: weight(:, :)
-      real(wp), allocatable :: share(:)           !! (level) h/dt
       !> (row, column, entry) a1 from a0 and v0 of the dofs, the changes of the forces and, in long
       !> frames, g (S^-1 W); entry = n_patterns level + pattern, from 0
       real(wp), pointer, contiguous :: map(:, :, :) => null()
@@ -64,10 +63,9 @@ contains
 
       steps%frame = frame
       steps%max_halvings = max_halvings
-      allocate (steps%weight(6, 0:max_halvings), steps%share(0:max_halvings))
-      steps%share = [(0.5_wp**level, level=0, max_halvings)]
+      allocate (steps%weight(6, 0:max_halvings))
       do level = 0, max_halvings
-         h = dt*steps%share(level)
+         h = dt*0.5_wp**level
          steps%weight(:, level) = [h*(1.0_wp - gamma), h*gamma, h, h**2*(0.5_wp - beta), &
                                    h**2*beta, (1.0_wp - gamma)/gamma]
       end do
@@ -183,15 +181,9 @@ contains
       integer, intent(in), contiguous :: sample(:)                 !! numbers of samples
       type(newmark_block), intent(inout) :: block
       integer(long), intent(inout), contiguous :: has_crossed(:)   !! (all samples); only listed set
-      integer :: f, k
+      integer :: k
 
-      call list_trials(size(sample), sample, self%max_halvings, self%n_patterns, block%step_ticks, &
-                       block%slot, block%pattern, block%trials)
-      do f = 1, block%n_forces
-         call find_changes(size(sample), block%trials, self%max_halvings, block%tick, &
-                           block%column, self%share, ubound(block%force, 1), &
-                           block%force(0, f), block%change(1, f))
-      end do
+      call block%list_trials(sample, self%n_patterns)
       if (allocated(self%span)) then
          do k = 1, size(sample)
             associate (w => block%trials(k)%sample, old => block%trials(k)%slot)
@@ -321,47 +313,6 @@ contains
       is_beyond = ior(merge(1_long, 0_long, abs(place - slider) > reach), &
                       merge(1_long, 0_long, direction*velocity < 0.0_wp))
    end function is_beyond
-
-   !> Lists slot, level and map entry of each trial. Arrays of explicit shape keep their addresses
-   !> in registers.
-   pure subroutine list_trials(n_trials, sample, max_halvings, n_patterns, ticks, slot, pattern, &
-                               trials)
-      integer, intent(in) :: n_trials, sample(n_trials), max_halvings, n_patterns
-      integer(long), intent(in) :: ticks(*), slot(*)   !! (sample)
-      integer, intent(in) :: pattern(*)                !! (sample)
-      type(newmark_trial), intent(inout) :: trials(n_trials)   !! written only
-      integer :: k, l, w
-
-      do k = 1, n_trials
-         w = sample(k)
-         l = max_halvings - trailz(ticks(w))
-         trials(k)%sample = w
-         trials(k)%slot = int(slot(w))
-         trials(k)%level = l
-         trials(k)%entry = n_patterns*l + pattern(w)
-      end do
-   end subroutine list_trials
-
-   !> Finds the change of a force over each trial step.
-   pure subroutine find_changes(n_trials, trials, max_halvings, tick, column, share, n_steps, &
-                                force, change)
-      integer, intent(in) :: n_trials
-      type(newmark_trial), intent(in) :: trials(n_trials)
-      integer, intent(in) :: max_halvings, n_steps
-      integer(long), intent(in) :: tick(*)          !! (sample)
-      integer, intent(in) :: column(*)              !! (sample) column before its own
-      real(wp), intent(in) :: share(0:*)            !! (level)
-      real(wp), intent(in) :: force(0:n_steps, *)   !! (step, column) [N]
-      real(wp), intent(out) :: change(n_trials)
-      integer :: c, k, step, w
-
-      do k = 1, n_trials
-         w = trials(k)%sample
-         c = column(w) + 1
-         step = int(shiftr(tick(w), max_halvings))
-         change(k) = share(trials(k)%level)*(force(step + 1, c) - force(step, c))
-      end do
-   end subroutine find_changes
 
    !> Makes the trial steps of short frames: a1 by the maps, then v1 and x1, and whether a joint is
    !> beyond its limit. This kernel takes most of the time: every array has an explicit shape of
