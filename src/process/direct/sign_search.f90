@@ -99,8 +99,8 @@ contains
    !> the best one, singly and, if they are few, in pairs.
    !>
    !> All + is best if m_max is much larger than L1. Nearer to the limit the best sequences have a
-   !> flat sum of cosines: quadratic phases, and all + but the last sign. For more than
-   !> `very_many_signs` signs fewer starts are tried.
+   !> flat sum of cosines: quadratic phases. For more than `very_many_signs` signs fewer starts are
+   !> tried.
    subroutine search_structured(constraint, best)
       type(length_constraint), intent(in) :: constraint
       type(sequence_solution), intent(out) :: best   !! not feasible if none was found
@@ -118,10 +118,8 @@ contains
       call make_consistent(constraint, signs, max_passes, best)
       if (is_all_plus_best(constraint)) return
       if (constraint%m_max > 4*size(constraint%penalized) .and. best%is_feasible) return
-      do i = merge(1, 0, is_large), n_rates
-         ! quadratic phases
+      do i = 1, n_rates   ! quadratic phases
          signs = [(merge(1, -1, cos(3.0_wp*i/n_rates*pi*real(k, wp)**2/n) >= 0.0_wp), k=0, n - 1)]
-         if (i == 0) signs(n) = -1
          call make_consistent(constraint, signs, max_passes, solution)
          call keep_better(solution, best)
          if (is_large) cycle
