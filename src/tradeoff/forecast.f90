@@ -68,11 +68,10 @@ contains
       own = own_setting(plan)
       own%work = shortest%marcher%work
       cost%n_steps = steps_for(plan, [(size(levels(k)%sample), k=1, size(levels))], own)
-      short%integration%n_steps = cost%n_steps
+      call limit_steps(cost%n_steps, short)
       call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
                           error, prepared=shortest)
       if (allocated(error)) return
-      call limit_steps(cost%n_steps, short)
       do k = 1, size(levels)
          call draw_level(short, runner, cost%n_steps, levels(k), error)
          if (allocated(error)) return

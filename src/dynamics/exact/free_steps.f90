@@ -146,7 +146,7 @@ contains
                           - margin*regime(l, j, regime_reach)
             guard(l) = merge(velocity(l), guard(l), abs(regime(l, j, regime_side)) > 0.0_wp) &
                        - turn(l)
-            ! the bit of the lane, if its guard has a sign
+            ! the bit of the lane, if its guard is negative
             word = ior(word, iand(bit(l), shifta(transfer(guard(l), 0_long), 63)))
          end do
          hits(e) = word

@@ -9,7 +9,7 @@ module process_positive_moments
    implicit none(type, external)
    private
    public :: batch_averages, new_batches, positive_moments, estimate_moments, &
-             error_of_residual, estimate_autocovariance, estimate_products
+             error_of_residual, error_of_runs, estimate_autocovariance, estimate_products
    public :: add_products, n_acceptance_sums
 
    !> sums of alpha, 1/alpha, ln alpha and c phi(c)/(2 alpha), alpha the acceptance probability
@@ -348,7 +348,14 @@ contains
       real(wp) :: runs(lanes)
 
       runs = sum(reshape(residual, [lanes, size(residual)/lanes]), dim=2)/size(residual)
-      error = sqrt(sum(runs**2)*lanes/(lanes - 1.0_wp))
+      error = error_of_runs(runs)
    end function error_of_residual
+
+   !> Standard error of a sum over independent runs.
+   pure real(wp) function error_of_runs(runs) result(error)
+      real(wp), intent(in) :: runs(lanes)   !! terms of the sum
+
+      error = sqrt(sum(runs**2)*lanes/(lanes - 1.0_wp))
+   end function error_of_runs
 
 end module process_positive_moments

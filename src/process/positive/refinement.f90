@@ -9,6 +9,7 @@ module process_positive_refinement
    use numerics_constrained_maximum, only: step_to_maximum
    use process_autoregressive_model, only: autocovariance_of, step_up
    use process_positive_family, only: by_symbol
+   use process_positive_moments, only: error_of_runs
    use process_positive_objective, only: sampled_objective, step => difference_step
    use process_positive_truncated_normal, only: lanes
    implicit none(type, external)
@@ -125,11 +126,13 @@ contains
    !> Standard errors of L0 and L1 by the error of the shape [lags].
    pure function length_errors(self) result(errors)
       class(shape_uncertainty), intent(in) :: self
-      real(wp) :: errors(2)
+      real(wp) :: errors(2), series(lanes, 2)
+      integer :: i
 
       errors = 0.0_wp
-      if (allocated(self%run_steps)) &
-         errors = error_of_runs(matmul(self%run_steps, transpose(self%by_length)))
+      if (.not. allocated(self%run_steps)) return
+      series = matmul(self%run_steps, transpose(self%by_length))
+      errors = [(error_of_runs(series(:, i)), i=1, 2)]
    end function length_errors
 
    !> Standard errors of K(m)/K(0), m = 0..n_lags, by the error of the shape. Beyond the order the
@@ -140,7 +143,7 @@ contains
       real(wp) :: errors(0:n_lags)
       real(wp) :: series(lanes, 0:n_lags)
       real(wp), allocatable :: change(:)
-      integer :: run
+      integer :: m, run
 
       errors = 0.0_wp
       if (.not. allocated(self%run_steps)) return
@@ -149,16 +152,8 @@ contains
          series(run, :) = 0.5_wp*(extended_correlation(self%correlation + change, n_lags) &
                                   - extended_correlation(self%correlation - change, n_lags))
       end do
-      errors = error_of_runs(series)
+      errors = [(error_of_runs(series(:, m)), m=0, n_lags)]
    end function correlation_errors
-
-   !> Standard errors of sums over independent runs.
-   pure function error_of_runs(run_steps) result(errors)
-      real(wp), intent(in) :: run_steps(:, :)   !! (run, sum)
-      real(wp) :: errors(size(run_steps, 2))
-
-      errors = sqrt(sum(run_steps**2, dim=1)*lanes/(lanes - 1.0_wp))
-   end function error_of_runs
 
    !> rho(0..n_lags): beyond the order by the Yule-Walker equations.
    pure function extended_correlation(rho, n_lags) result(longer)
