@@ -72,7 +72,11 @@ def write_report(
         '<link rel="icon" href="data:,">',
         f"<style>{style}</style></head><body>",
         f"<header><h1>{title}</h1>",
-        *(f'<p class="facts">{_facts(results)}</p>' for results in files),
+        *(
+            f'<p class="facts">{"" if len(files) == 1 else escape(results.title) + " · "}'
+            f"{_facts(results)}</p>"
+            for results in files
+        ),
         "</header>",
         _contents(chapters, figures),
         "<main>",
@@ -84,7 +88,7 @@ def write_report(
 
 def _facts(results: Results) -> str:
     attrs = results.attrs
-    facts = [results.title]
+    facts = []
     if results.processes:
         facts.append(_counted(len(results.processes), "process", "processes"))
     if results.cases:
