@@ -15,7 +15,7 @@ module driver_whatif
    use driver_regression, only: find_estimates
    use driver_statistics, only: find_statistics
    use driver_whatif_text, only: law_text
-   use io_earlier_results, only: read_campaign, stored_in_results
+   use io_earlier_results, only: case_errors, read_campaign, read_errors, stored_in_results
    use io_identity, only: identity_type
    use io_shards, only: shard_type, sort_shards, stored_samples
    use io_store, only: new_store
@@ -29,7 +29,7 @@ module driver_whatif
    !> Samples of a results file, and cases without samples for the new laws.
    type :: question_type
       type(plan_type) :: plan                    !! cases of the file, then those of the new laws
-      integer :: n_processes = 0                 !! processes of the file
+      integer :: n_processes = 0, n_cases = 0    !! processes and cases of the file
       type(stored_samples) :: stored
       type(spectrum_layout) :: layout            !! without frequencies if samples have no spectra
    end type question_type
@@ -76,7 +76,8 @@ contains
          call find_estimates(world, plan, models, question%stored, question%layout%frequency, &
                              statistics, estimates, error, pools)
          call world%stop_on(error)
-         if (world%is_root()) call print_estimates(plan, pools, estimates, error)
+         if (world%is_root()) call print_estimates(question, line%scene, &
+                                                    pools, estimates, error)
       end associate
       call world%stop_on(error)
       call stop_world(exit_done)
@@ -104,6 +105,7 @@ contains
       associate (plan => question%plan)
          question%n_processes = size(plan%processes)
          plan%cases = campaign%cases
+         question%n_cases = size(plan%cases)
          plan%has_structure = .true.
          plan%structure = campaign%structure
          plan%output = campaign%output
@@ -158,20 +160,25 @@ contains
    end subroutine plan_laws
 
    !> Prints the estimates of all new laws. An error says that none of them has any.
-   subroutine print_estimates(plan, pools, estimates, error)
-      type(plan_type), intent(in) :: plan
+   subroutine print_estimates(question, path, pools, estimates, error)
+      type(question_type), intent(in) :: question
+      character(*), intent(in) :: path      !! results file
       type(case_pool), intent(in) :: pools(:)
       type(case_estimates), intent(in) :: estimates(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
+      type(case_errors), allocatable :: errors(:)   ! (case of the file)
       logical :: has_all, has_any
       integer :: i, p
 
+      call read_errors(path, question%n_cases, errors, error)
+      if (allocated(error)) return
       has_all = .true.
       has_any = .false.
       do p = 1, size(pools)
          associate (laws => pack(pools(p)%cases, pools(p)%n_fitted == 0))
             do i = 1, size(laws)
-               call say(law_text(plan, pools(p), laws(i), estimates(laws(i))%best))
+               call say(law_text(question%plan, pools(p), laws(i), errors, &
+                                 estimates(laws(i))%best))
                associate (is_near => estimates(laws(i))%best%numbers%ratio <= most_extrapolation)
                   has_all = has_all .and. all(is_near)
                   has_any = has_any .or. any(is_near)

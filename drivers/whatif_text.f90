@@ -5,6 +5,7 @@ module driver_whatif_text
    use campaign_results, only: case_statistics, n_quantities
    use core_kinds, only: wp
    use core_text, only: brief, labelled, line_feed, numbered, padded, row_text, to_text, with_error
+   use io_earlier_results, only: case_errors
    use process_model, only: lengths_of
    use statistics_estimates, only: normal_95, statistic_type
    use statistics_influences, only: most_extrapolation
@@ -16,20 +17,27 @@ module driver_whatif_text
 
 contains
 
-   !> Law, force and samples of a case, and the tables of its estimates: a dash if the law is too
-   !> far from the samples for any.
-   pure function law_text(plan, pool, number, best) result(text)
+   !> Law, force and samples of a case, what their force record adds to the errors, and the tables of
+   !> its estimates: a dash if the law is too far from the samples for any.
+   pure function law_text(plan, pool, number, errors, best) result(text)
       type(plan_type), intent(in) :: plan
       type(case_pool), intent(in) :: pool
       integer, intent(in) :: number               !! number of the case
-      type(case_statistics), intent(in) :: best   !! its estimates
+      type(case_errors), intent(in) :: errors(:)  !! (case of the samples)
+      type(case_statistics), intent(in) :: best   !! estimates of the case
       character(:), allocatable :: text, samples
+      real(wp) :: record_error   ! time-average error of a mean slip fraction, the largest
       integer :: i
 
       samples = ''
+      record_error = 0.0_wp
       do i = 1, size(pool%cases)
-         if (pool%n_fitted(i) > 0) samples = samples//', '//to_text(pool%n_fitted(i))//' of '// &
-                                             numbered('c', pool%cases(i))
+         if (pool%n_fitted(i) == 0) cycle
+         samples = samples//', '//to_text(pool%n_fitted(i))//' of '//numbered('c', pool%cases(i))
+         associate (statistics => errors(pool%cases(i))%statistics)
+            if (allocated(statistics%slip_mean_time_error)) &
+               record_error = max(record_error, maxval(statistics%slip_mean_time_error))
+         end associate
       end do
       associate (request => plan%processes(plan%cases(number)%process))
          text = labelled('law', 'mean = '//to_text(request%mean)//', std = '// &
@@ -38,6 +46,10 @@ contains
       end associate
       text = text//labelled('force', force_text(plan, plan%cases(number))) &
              //labelled('samples', samples(3:))
+      if (record_error > 0.0_wp .and. plan%excitation%kind /= 'sine') &
+         text = text//labelled('errors', 'of the friction alone; the time-average error of the '// &
+                               'one force record is up to '//brief(100.0_wp*record_error)// &
+                               ' points of a mean time in slip')
       if (any(best%numbers%ratio <= most_extrapolation)) then
          text = text//tables_text(plan, best)
       else

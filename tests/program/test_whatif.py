@@ -62,6 +62,16 @@ def test_a_law_between_those_marched_is_that_of_a_run(entroslip, folder):
             assert (abs(slip[:, column, 0] - 100 * truth) < 4 * slip[:, column, 1]).all()
 
 
+def test_errors_say_what_another_force_record_would_change(entroslip, folder, tmp_path):
+    """Errors of 0.05 points stood beside a time-average error of a point, which was not named."""
+    done = entroslip("whatif", folder / "known.h5", "--set", "process%std=0.08", "--quiet")
+    with h5py.File(folder / "known.h5") as file:
+        cases = (file[f"campaign/{name}/slip_mean_time_error"][()] for name in ("c001", "c003"))
+        largest = 100 * np.max(list(cases))
+    said = re.search(r"one force\s+record is up to (\S+)\s+points", done.stdout)
+    assert float(said[1]) == pytest.approx(largest, rel=5e-3)  # three digits
+
+
 def test_ranks_and_other_folders_give_the_same_text(entroslip, folder, tmp_path):
     """The results file has all that is needed."""
     (tmp_path / "moved.h5").write_bytes((folder / "known.h5").read_bytes())
