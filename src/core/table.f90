@@ -126,8 +126,8 @@ contains
             comma = index(word, ',')
             if (comma > 1 .and. comma < len(word) .and. comma == index(word, ',', back=.true.) &
                 .and. verify(word, '+-0123456789,') == 0) then
-               rule = 'may be one value or two: decimals follow a point; a comma between '// &
-                      'values has a blank behind it'
+               rule = 'may be one value or two: decimals follow a point (tr , . < OLD > NEW); '// &
+                      'a comma between values has a blank behind it'
                return
             end if
          end associate

@@ -121,6 +121,16 @@ def test_values_beyond_the_exponential_law_by_chance_get_nearly_that(entroslip, 
     assert "distribution yes" in said
 
 
+def test_a_file_with_the_joints_below_each_other_is_noted(entroslip, data):
+    """A spreadsheet with a column for each of two lines of joints: its correlation was lost."""
+    columns = "0.31 0.25\n0.29 0.27\n0.36 0.33\n0.38 0.29\n0.27 0.31\n"
+    data.write_text(columns)
+    assert "note         the file has more lines than values" in entroslip("estimate", data).stdout
+    rows = zip(*map(str.split, columns.splitlines()), strict=True)
+    data.write_text("\n".join(map(" ".join, rows)))
+    assert "note" not in entroslip("estimate", data).stdout
+
+
 def test_an_index_beside_the_values_is_refused(entroslip, data):
     data.write_text("\n".join(f"{n} {0.2 + 0.01 * (n % 3)}" for n in range(12)))
     done = entroslip("estimate", data)
