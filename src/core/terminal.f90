@@ -2,10 +2,11 @@
 !> an error of the program.
 module core_terminal
    use, intrinsic :: iso_c_binding, only: c_associated, c_char, c_funptr, c_int, c_intptr_t, &
-                                          c_long, c_null_char, c_null_funptr, c_ptr, c_size_t
+                                          c_long, c_null_char, c_null_funptr, c_ptr, c_short, &
+                                          c_size_t
    use core_error, only: exit_done, exit_file
    use core_system, only: c_fopen, c_signal, system_error, system_text
-   use core_text, only: line_feed
+   use core_text, only: line_feed, set_line_width
    implicit none(type, external)
    private
    public :: end_program, is_terminal, output_is_lost, say, standard_error, standard_output, &
@@ -43,6 +44,15 @@ module core_terminal
          integer(c_int) :: status
       end function c_close
 
+      !> Variable arguments of C: those of integers and addresses pass as any others.
+      function c_ioctl(descriptor, request, sizes) result(status) bind(c, name='ioctl')
+         import :: c_int, c_long, c_short
+         integer(c_int), value :: descriptor
+         integer(c_long), value :: request
+         integer(c_short), intent(out) :: sizes(*)
+         integer(c_int) :: status
+      end function c_ioctl
+
       subroutine c_exit(code) bind(c, name='exit')
          import :: c_int
          integer(c_int), value :: code
@@ -53,13 +63,15 @@ contains
 
    !> Prepares the standard descriptors, before anything else. Writing to a closed pipe then fails
    !> instead of killing the program. A closed standard descriptor is opened for reading, so that no
-   !> results file gets its number; writing there still fails.
+   !> results file gets its number; writing there still fails. Reports fit a narrow terminal.
    subroutine start_terminal()
       integer(c_int), parameter :: sigpipe = 13       ! Linux
       integer(c_intptr_t), parameter :: sig_ign = 1   ! SIG_IGN of C: the signal does nothing
+      integer(c_long), parameter :: tiocgwinsz = int(z'5413', c_long)   ! Linux: size of a terminal
       type(c_funptr) :: previous
       type(c_ptr) :: stream
       integer(c_int) :: copy, descriptor, status
+      integer(c_short) :: sizes(4)   ! rows, columns, and both in pixels
 
       previous = c_signal(sigpipe, transfer(sig_ign, c_null_funptr))
       do descriptor = 0, standard_error
@@ -71,6 +83,8 @@ contains
             if (.not. c_associated(stream)) return
          end if
       end do
+      if (c_ioctl(standard_output, tiocgwinsz, sizes) /= 0) return
+      if (sizes(2) > 0) call set_line_width(int(sizes(2)))   ! 0: a terminal that does not say
    end subroutine start_terminal
 
    !> True if a descriptor leads to a terminal.

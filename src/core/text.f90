@@ -6,7 +6,7 @@ module core_text
    private
    public :: lowered, parse_integer, parse_real, rounded_text, to_text
    public :: brief, counted, duration, joined, labelled, numbered, numbers_text, padded, &
-             rounded_by_error, row_text, shell_word, size_text, with_error
+             rounded_by_error, row_text, set_line_width, shell_word, size_text, with_error
 
    !> Text of a value in the fewest digits, without blanks: 7, -2.0, 1.5E-9, .true.
    interface to_text
@@ -17,7 +17,8 @@ module core_text
    character(*), parameter :: digits = '0123456789'
    integer, parameter :: largest_exponent = 100   !! so that products of three values are finite
    character, parameter, public :: line_feed = new_line('a')
-   integer, parameter :: label_width = 13, line_width = 80   !! characters, in reports
+   integer, parameter :: label_width = 13, full_width = 80   !! characters, in reports
+   integer :: line_width = full_width                        !! less on a narrow terminal
 
 contains
 
@@ -196,9 +197,9 @@ contains
    pure function labelled(label, text) result(lines)
       character(*), intent(in) :: label, text
       character(:), allocatable :: lines
-      integer, parameter :: width = line_width - label_width
-      integer :: first, last
+      integer :: first, last, width
 
+      width = line_width - label_width
       lines = padded(label, label_width)
       first = 1
       do while (len(text) - first >= width)
@@ -209,6 +210,13 @@ contains
       end do
       lines = lines//text(first:)//line_feed
    end function labelled
+
+   !> Sets the width of labelled lines for a terminal: 80 columns at most, 40 at least.
+   subroutine set_line_width(columns)
+      integer, intent(in) :: columns
+
+      line_width = min(max(columns, full_width/2), full_width)
+   end subroutine set_line_width
 
    !> Row of a table, with a line feed: each cell fills the width of its column.
    pure function row_text(columns, cells) result(text)

@@ -53,6 +53,19 @@ def test_check_keeps_to_80_columns(entroslip, scene):
     check_width(entroslip("check", scene.name, *shortened(scene), cwd=scene.parent))
 
 
+@pytest.mark.parametrize(
+    ("columns", "least", "most"), [(60, 50, 60), (10, 30, 40), (300, 70, 80), (0, 70, 80)]
+)
+def test_check_fits_a_narrow_terminal(program, small_scene, columns, least, most):
+    """Its lines beside labels; those of tables are as long as they are. At least 40 columns."""
+    words = [program, "check", small_scene]
+    code, text = said_on_a_terminal(words, "stdout", columns, env=ENVIRONMENT)
+    lines = text.splitlines()
+    start = next(i for i, line in enumerate(lines) if line.startswith("structure"))
+    assert code == 0
+    assert least <= max(map(len, lines[start:])) <= most
+
+
 def test_reasons_of_what_has_no_solution_keep_to_80_columns(entroslip):
     refused = ["--set", "process%order=1", "--set", "process%std=1.5"]
     check_width(entroslip("check", ROOT / "input/extremes_process.nml", *refused))
