@@ -13,7 +13,7 @@ import scipy.io
 import scipy.sparse as sp
 
 from ..output import InputError
-from .pair import Matrix, Pair, symmetric_part
+from .pair import Matrix, Pair, lowest_frequency, symmetric_part
 from .text_matrix import Dof, Entries, held_dofs, name, read_abaqus, read_dmig
 
 # Names of the matrices of each kind in files that hold several, in small letters.
@@ -24,6 +24,7 @@ _NAMES = {
 }
 _MATRIX_MARKET = "Matrix Market"
 _ROWS = "rows of text"
+_LEAST_ERROR = 1.0e-3  # of the lowest frequency that is noted
 _MOST_ROWS = 10_000_000  # of a matrix without names of dofs; more is no matrix
 
 
@@ -35,7 +36,7 @@ class _Read:
     matrix: Matrix
     dofs: tuple[Dof, ...] | None = None
     held: frozenset[Dof] = frozenset()
-    note: str = ""
+    rounding: Matrix | None = None  # largest error of each entry, if the file rounds
 
 
 def read_pair(mass: str, stiffness: str, damping: str | None = None) -> Pair:
@@ -63,9 +64,18 @@ def read_pair(mass: str, stiffness: str, damping: str | None = None) -> Pair:
     labels = tuple(name(dof) for dof in dofs)
     for letter, matrix in matrices.items():
         matrices[letter] = symmetric_part(f"{found[letter].source}: {letter}", matrix, labels)
-    notes = [read.note for read in found.values() if read.note]
-    notes += [f"left out, held in the model: {_listed(map(name, held))}"] if held else []
-    return Pair(matrices["M"], matrices["K"], labels, matrices.get("C"), tuple(notes))
+    pair = Pair(matrices["M"], matrices["K"], labels, matrices.get("C"))
+    notes = [f"left out, held in the model: {_listed(map(name, held))}"] if held else []
+    rounded = {letter: _on(dofs, replace(read, matrix=read.rounding))
+               for letter, read in found.items() if read.rounding is not None}  # fmt: skip
+    frequency, error = lowest_frequency(pair, rounded)
+    if error > _LEAST_ERROR:
+        sources = " and ".join(dict.fromkeys(found[letter].source for letter in rounded))
+        notes.append(
+            f"{sources}: values are rounded, by which the lowest frequency, {frequency:.4g} Hz,"
+            f" scatters by {error:.1%}: write wide fields, DMIG*"
+        )
+    return replace(pair, notes=tuple(notes))
 
 
 def _numbered(found: Mapping[str, _Read]) -> dict[str, _Read]:
@@ -173,14 +183,21 @@ def _of_entries(entries: Entries) -> _Read:
             raise InputError(f"{entries.path}: row {wrong}: must be from 1 to {_MOST_ROWS}")
         dofs = [(i + 1, 0) for i in range(highest)]
     at = {dof: i for i, dof in enumerate(dofs)}
-    row, column = (np.array([at[place[i]] for place in entries.values]) for i in (0, 1))
-    matrix = sp.csc_array(
-        (np.array(list(entries.values.values())), (row, column)), shape=(len(dofs), len(dofs))
-    )
-    if entries.is_half():
-        matrix = sp.csc_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
-    names = None if is_plain else tuple(dofs)
-    return _Read(str(entries.path), matrix, names, held_dofs(entries), entries.note)
+    is_half = entries.is_half()
+
+    def of(values: Mapping[tuple[Dof, Dof], float]) -> Matrix:
+        row, column = (np.array([at[place[i]] for place in values]) for i in (0, 1))
+        matrix = sp.csc_array(
+            (np.array(list(values.values())), (row, column)), shape=(len(dofs), len(dofs))
+        )
+        if is_half:
+            matrix = sp.csc_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
+        return matrix
+
+    return _Read(
+        str(entries.path), of(entries.values), None if is_plain else tuple(dofs),
+        held_dofs(entries), of(entries.rounding) if entries.rounding else None,
+    )  # fmt: skip
 
 
 def _npy(path: Path) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from decimal import Decimal
 from pathlib import Path
 
 from ..output import InputError, read_text
@@ -12,6 +13,7 @@ from ..output import InputError, read_text
 Dof = tuple[int, int]  # node and its dof; of a plain numbering the number and 0
 _FIXED = 1.0e36  # Abaqus adds it to the diagonal of K at a dof that is held
 _WIDE, _NARROW = 16, 8  # characters of a Nastran field
+_FEW_DIGITS = 3  # of a value typed by hand, such as 25.0
 _REAL = (1, 2)  # Nastran's types: single and double precision
 _SYMMETRIC, _SQUARE = 6, 1  # Nastran's forms
 
@@ -23,8 +25,8 @@ class Entries:
     path: Path
     is_whole: bool = False  # the file says that both triangles are given
     refusal: str = ""  # why the matrix cannot be taken, with its place
-    note: str = ""  # on its accuracy
     values: dict[tuple[Dof, Dof], float] = field(default_factory=dict)
+    rounding: dict[tuple[Dof, Dof], float] = field(default_factory=dict)  # largest errors
 
     def add(self, row: Dof, column: Dof, value: float, line: int) -> None:
         """One entry; a second one at the same place is refused."""
@@ -108,11 +110,7 @@ def read_dmig(path: Path) -> dict[str, Entries]:
                 continue
             row = _dof(group[0:2], path, number)
             found[label].add(row, column, _real(group[2], path, number), number)
-            if "*" not in fields[0] and len(group[2].strip()) == _NARROW:
-                found[label].note = (
-                    f"{path}: DMIG {label}: values that fill narrow fields are rounded to five"
-                    " digits or fewer: write wide fields, DMIG*"
-                )
+            found[label].rounding[row, column] = _half_a_unit(group[2])
     if not found:
         raise InputError(f"{path}: has no DMIG")
     return found
@@ -168,10 +166,23 @@ def _whole(word: str, path: Path, line: int) -> int:
         raise InputError(f"{path}:{line}: {word.strip()}: must be a whole number") from None
 
 
+def _half_a_unit(word: str) -> float:
+    """Half a unit of the last digit of a number, the largest error of its rounding.
+
+    Zero of a number that is meant as it stands, with few digits.
+    """
+    _, digits, exponent = Decimal(_plain(word)).as_tuple()
+    return 0.5 * 10.0 ** int(exponent) if len(digits) > _FEW_DIGITS else 0.0
+
+
+def _plain(word: str) -> str:
+    """A number as Fortran writes them, 1.0D+05, and Nastran's 1.0+5, for Python."""
+    text = re.sub(r"(?<=[\d.])([+-])", r"e\1", word.strip().lower().replace("d", "e"))
+    return text.replace("ee", "e")
+
+
 def _real(word: str, path: Path, line: int) -> float:
-    """A number as Fortran writes them: 1.0D+05, and Nastran's 1.0+5."""
-    plain = re.sub(r"(?<=[\d.])([+-])", r"e\1", word.strip().lower().replace("d", "e"))
     try:
-        return float(plain.replace("ee", "e"))
+        return float(_plain(word))
     except ValueError:
         raise InputError(f"{path}:{line}: {word.strip()}: must be a number") from None

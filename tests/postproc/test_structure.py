@@ -221,16 +221,26 @@ def test_dmig_in_free_fields_is_read(tmp_path):
     np.testing.assert_array_equal(pair.stiffness.toarray(), [[4.0, -1.0], [-1.0, 3.0]])
 
 
-@pytest.mark.parametrize(
-    ("card", "n_notes"),
-    [("DMIG,K,1,1,,1,1,1.2346+7", 1), ("DMIG,K,1,1,,1,1,25.0", 0),
-     ("DMIG*,K,1,1,\n*,1,1,1.2346+7", 0)],
-)  # fmt: skip
-def test_dmig_that_fills_narrow_fields_is_noted(tmp_path, card, n_notes):
-    """Nastran rounds to what a field holds: 1.2346+7."""
-    (tmp_path / "m.pch").write_text(f"DMIG,K,0,6,2,0\n{card}\n")
-    pair = read_pair(f"{tmp_path / 'm.pch'}:K", f"{tmp_path / 'm.pch'}")
-    assert len(pair.notes) == 2 * n_notes
+@pytest.mark.parametrize(("digits", "is_noted"), [(4, True), (9, False)])
+def test_what_rounded_dmig_does_to_the_lowest_frequency_is_noted(tmp_path, digits, is_noted):
+    """A note without a number was passed over, and a plate's 9.4 Hz were 25.7 Hz.
+
+    A chain of equal springs with 2 k and k rounded; its frequency differs by a few scatters.
+    """
+    n, k = 40, 7.0e6 / 17.0
+    exact = np.sqrt(k) * 2.0 * np.sin(np.pi / (4 * n + 2)) / (2.0 * np.pi)
+    cards = ["DMIG,M,0,6,2,0", "DMIG,K,0,6,2,0"]
+    for i in range(1, n + 1):
+        cards += [f"DMIG,M,{i},1,,{i},1,1.0"]
+        cards += [f"DMIG,K,{i},1,,{i},1,{k if i == n else 2 * k:.{digits - 1}e}"]
+        cards += [f",{i + 1},1,{-k:.{digits - 1}e}"] if i < n else []
+    (tmp_path / "m.pch").write_text("\n".join(cards))
+    pair = read_pair(str(tmp_path / "m.pch"), str(tmp_path / "m.pch"))
+    assert bool(pair.notes) is is_noted
+    if is_noted:
+        stated = float(re.search(r"scatters by (\S+)%", pair.notes[0])[1]) / 100
+        change = abs(frequencies(pair, 1)[0] / exact - 1)
+        assert stated / 4 < change < 4 * stated
 
 
 def test_dofs_held_in_abaqus_are_left_out_by_number_too(tmp_path):
