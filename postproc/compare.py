@@ -318,13 +318,12 @@ def _draw_spectra(pair: Pair, place: str, axes: Axes) -> None:
     frequency = pair.before.data["frequency"].values
     power = np.cumsum(np.nansum(before.mean(axis=0), axis=1))
     kept = int(np.argmax(power >= (1.0 - _NEGLIGIBLE_POWER) * power[-1])) + 1
-    n_dof = before.shape[2]
     for dof in some_of([dof for dof in pair.before.kept_dofs if dof in pair.after.kept_dofs]):
         first, second = (values[:, :kept, dof - 1] for values in (before, after))
         means = first.mean(axis=0), second.mean(axis=0)
         one, other = first / means[0], second / means[1]
         change = _change(np.log(means[0]), np.log(means[1]), one, other, pair.is_paired)
-        look = line_of_dof(dof, n_dof)
+        look = line_of_dof(dof, pair.before.kept_dofs[-1])
         axes.plot(frequency[:kept], np.exp(change.change), label=f"{place} {dof}", **look)
         reach = WIDTH * change.error
         axes.fill_between(

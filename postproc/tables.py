@@ -47,18 +47,18 @@ _ERRORS = "Standard errors in brackets, in units of the last digits."
 
 
 def make_tables(files: Sequence[Results]) -> list[Table]:
-    """Every table that the files have data for; later files' twins carry the file's name."""
+    """Every table that the files have data for; named as `make_figures` names figures."""
     found: dict[str, Table] = {}
     for results in files:
+        is_paper = is_paper_study(results)
         for table in (table for source in SOURCES for table in source(results)):
-            if table.name in found:
-                ending = results.stem
-                if table == found[table.name]:
-                    continue
-                table = replace(
-                    table, name=f"{table.name}_{ending}", title=f"{table.title} ({ending}.h5)"
-                )
-            found[table.name] = table
+            twin = found.get(table.name)
+            if twin == table:
+                continue
+            name = table.name if twin is None else f"{table.name}_{results.stem}"
+            if twin is not None or (len(files) > 1 and not is_paper):
+                table = replace(table, name=name, title=f"{table.title} ({results.stem}.h5)")
+            found[name] = table
     return sorted(found.values(), key=lambda table: not table.title.startswith("Table "))
 
 

@@ -41,9 +41,10 @@ class Figure:
         title = re.sub(r"^Fig\. \w+\. ", "", self.title)
         return replace(self, title=title, caption=" ".join(kept), statements=())
 
-    def renamed(self, ending: str) -> Figure:
-        """The same under another name, where two files have the same figure."""
-        return replace(self, name=f"{self.name}_{ending}", title=f"{self.title} ({ending}.h5)")
+    def of_file(self, stem: str, is_renamed: bool) -> Figure:
+        """The same with its file in the title, and in its name where another has that."""
+        name = f"{self.name}_{stem}" if is_renamed else self.name
+        return replace(self, name=name, title=f"{self.title} ({stem}.h5)")
 
     def save(self, folder: Path, ranges: Mapping[str, Ranges] | None = None) -> Path:
         """PNG and PDF into the folder; returns the PNG. Ranges go by the start of the name."""

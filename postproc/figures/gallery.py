@@ -32,16 +32,22 @@ _MOST_SPECTRA = 4  # cases with deterministic friction; more are a sweep
 
 
 def make_figures(files: Sequence[Results]) -> list[Figure]:
-    """Figures of every file, in the paper's order; a later one of the same name gets the file's."""
+    """Figures of every file, in the paper's order.
+
+    A later one of the same name gets the file's. Of several files, titles say which it is, except
+    those of the paper's own figures.
+    """
     found: dict[str, Figure] = {}
     for results in files:
+        is_paper = is_paper_study(results)
         of_tradeoff = tradeoff.figures_of(results, _processes_of_scene(results, files))
         for figure in chain(*(source(results) for source in SOURCES), of_tradeoff):
-            own = figure if is_paper_study(results) else figure.outside_the_paper()
             twin = found.get(figure.name)
             if twin is not None and twin.section == _CHAIN and twin.caption == figure.caption:
                 continue  # the same drawing
-            kept = own.renamed(results.stem) if twin is not None else own
+            kept = figure if is_paper else figure.outside_the_paper()
+            if twin is not None or (len(files) > 1 and not is_paper):
+                kept = kept.of_file(results.stem, twin is not None)
             found[kept.name] = kept
     return sorted(found.values(), key=_place)
 

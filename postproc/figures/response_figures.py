@@ -38,7 +38,7 @@ def plot_history(axes: Axes, case: Case, results: Results) -> None:
         axes.plot(
             time[first:], case.data["displacement"].isel(sample=0, dof=dof - 1).values[first:],
             label=f"{results.place} {dof}",
-            **style.line_of_dof(dof, case.n_dof) | {"linewidth": 1.0},
+            **style.line_of_dof(dof, case.kept_dofs[-1]) | {"linewidth": 1.0},
         )  # fmt: skip
     axes.set(xlabel="time [s]", ylabel="displacement [m]", xlim=(time[first], time[-1]))
     style.add_legend(axes)

@@ -30,6 +30,8 @@ _BESIDE = 0.04  # of the axis: half the width of a curve's name
 _DECADES = 7.0  # drawn of a spectrum
 _MOST_MODES = 20  # marked
 _MOST_MARKED = 60  # joints with a mark in a line; more would meet
+_FAINT = 0.3  # of the bars of more
+_MOST_ABOVE = 10.0  # drawn of an interval, as a multiple of the largest band ratio
 _MOST_NUMBERED = 6  # marks of a case
 _MEET = 25.0  # [pixels] between marks that share a number
 _TOUCH = 12.0  # [pixels] between marks whose numbers would cover each other
@@ -41,7 +43,7 @@ def plot_spectra(axes: Axes, case: Case, results: Results) -> None:
     for dof in style.some_of(case.kept_dofs, wanted=results.forced_dof):
         axes.semilogy(
             spectrum["frequency"], spectrum.isel(dof=dof - 1),
-            label=f"{results.place} {dof}", **style.line_of_dof(dof, case.n_dof),
+            label=f"{results.place} {dof}", **style.line_of_dof(dof, case.kept_dofs[-1]),
         )  # fmt: skip
     _mark_modes(axes, results)
     _frame_spectrum(axes, spectrum["frequency"].values, spectrum.max("dof").values, results)
@@ -180,13 +182,22 @@ def _plot_over_slip(
             pale = {"markerfacecolor": (colour, 0.3 * share), "markeredgecolor": (colour, 0.3)}
             faint = look | pale | {"zorder": 1}
             axes.plot(PERCENT * plain["slip_mean"], scale * plain[name], **faint)
+        shade = (colour, _FAINT) if mean.size > _MOST_MARKED else None
+        reach = _up_to(PERCENT, mean, PERCENT * WIDTH * slip_mean_error(case))
         axes.errorbar(
-            mean, value, xerr=PERCENT * WIDTH * slip_mean_error(case), yerr=bars(case),
-            label=label, elinewidth=0.8, **look,
+            mean, value, xerr=reach, yerr=bars(case), label=label, ecolor=shade, elinewidth=0.8,
+            **look,
         )  # fmt: skip
         marks.append((mean, value, colour))
     axes.set(xlabel="mean time in slip [%]", xlim=(0, None))
     return marks
+
+
+def _up_to(
+    most: float, mean: NDArray[np.float64], reach: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Lengths of an interval below and above its mean: it ends at `most`, which none exceeds."""
+    return np.stack([reach, np.minimum(reach, np.maximum(most - mean, 0.0))])
 
 
 def _number(axes: Axes, marks: Sequence[_Marks]) -> None:
@@ -225,6 +236,9 @@ def plot_band_ratio(axes: Axes, cases: Sequence[Case]) -> None:
     marks = _plot_over_slip(axes, cases, "band_ratio", 1.0, bars)
     first, last = cases[0].data["percentile"].values[[0, -1]]
     axes.set_yscale("log")
+    ratios = np.concatenate([ratio for _, ratio, _ in marks])
+    highest = ratios.max(initial=1.0, where=np.isfinite(ratios))
+    axes.set_ylim(top=min(axes.get_ylim()[1], _MOST_ABOVE * highest))
     style.label_logarithmic(axes.yaxis)
     axes.set_ylabel(rf"band ratio $\sigma_{{{last:g}}}^2\,/\,\sigma_{{{first:g}}}^2$")
     _number(axes, marks)
@@ -243,8 +257,9 @@ def plot_along(axes: Axes, cases: Sequence[Case], quantity: OfJoints) -> None:
         look = style.of_rank(rank, len(cases))
         if mean.size > _MOST_MARKED:
             look["marker"] = "none"
+        most = PERCENT if quantity.unit == "%" else np.inf
         axes.errorbar(
-            np.arange(1, mean.size + 1), mean, yerr=WIDTH * error,
+            np.arange(1, mean.size + 1), mean, yerr=_up_to(most, mean, WIDTH * error),
             label=name, elinewidth=0.8, **look,
         )  # fmt: skip
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

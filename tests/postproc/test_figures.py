@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
 
-from entroslip import tradeoff
-from entroslip.figures import looks, process_figures, study_figures
+from entroslip import joints, tradeoff
+from entroslip.figures import looks, process_figures, study_figures, style
 from entroslip.figures.figure import Figure
 from entroslip.figures.gallery import make_figures
 from entroslip.paper.printed import AXES
 from entroslip.results import Results
-from entroslip.tables import table_processes
-from tests.postproc.synthetic import FREQUENCY, case_of, process, results_of
+from entroslip.tables import make_tables, table_processes
+from tests.postproc.synthetic import FREQUENCY, case_of, certain, process, results_of
 
 
 @pytest.fixture
@@ -202,6 +203,40 @@ def test_marks_that_touch_have_their_numbers_side_by_side(axes):
     assert [text.get_text() for text in axes.texts] == ["1, 2", "3"]
 
 
+@pytest.mark.parametrize("n_joints", [3, 70])
+def test_bars_end_at_one_and_are_faint_where_they_are_many(axes, n_joints):
+    """Intervals of a time in slip reached 108 %; those of 200 joints hid all marks."""
+    psd = np.ones((2, FREQUENCY.size, n_joints))
+    case = case_of("c001", "p001", np.full((2, n_joints), 0.9), psd)
+    case.data["slip_mean_time_error"] = ("joint", np.full(n_joints, 0.2))
+    study_figures.plot_slip_scatter(axes, [case])
+    bars = axes.containers[0].lines[2][0]
+    assert max(segment[:, 0].max() for segment in bars.get_segments()) == 100.0
+    assert (bars.get_colors()[0][3] < 1.0) == (n_joints > 60)
+    axes.clear()
+    study_figures.plot_along(axes, [case], joints.QUANTITIES[0])
+    assert axes.containers[0].lines[2][0].get_segments()[0][1, 1] == 100.0
+
+
+def test_a_ratio_of_bands_that_is_not_known_leaves_the_axis_to_the_others(axes):
+    """An interval up to 1e14 pressed all marks into one line."""
+    case = case_of("c001", "p001", np.full((2, 3), 0.3), np.ones((2, FREQUENCY.size, 3)))
+    case.data["percentile"] = ("percentile", [5.0, 95.0])
+    case.data["band_ratio"] = ("dof", [3.0, 20.0, np.nan])
+    case.data["band_ratio_high"] = ("dof", [4.0, 1.0e14, np.nan])
+    study_figures.plot_band_ratio(axes, [case])
+    assert axes.get_ylim()[1] == 200.0
+
+
+def test_the_first_dofs_of_many_differ_in_colour(axes):
+    """Kept dofs 1 to 3 of 17 were three dark violets."""
+    case = case_of("c001", "none", np.full((1, 3), 0.3), np.ones((1, FREQUENCY.size, 17)))
+    case.data.attrs["kept_dofs"] = [1, 2, 3]
+    study_figures.plot_spectra(axes, case, results_of([case]))
+    colours = [line.get_color() for line in axes.lines[:3]]
+    assert colours == [style.of_dof(dof, 5)["color"] for dof in (1, 2, 3)]
+
+
 @pytest.mark.parametrize("forced", [1, 2, 11, 15, 19, 20])
 def test_the_forced_dof_is_among_those_drawn(axes, forced):
     """It was left out with others if there were more dofs than can be distinguished."""
@@ -312,6 +347,17 @@ def test_a_figure_outside_the_paper_says_nothing_of_it():
     own = figure.outside_the_paper()
     assert (own.title, own.statements) == ("Scatter", ())
     assert own.caption == "It falls to 3. To look for: a."
+
+
+def test_of_several_files_titles_say_whose_they_are():
+    """The first file's had none, nor had those of a figure that one file alone has."""
+    case, structure = certain(1.0), results_of([]).structure
+    structure["frequencies_stuck"] = 2.0 * structure["frequencies_stuck"]  # none of the paper
+    own, other = (Results(Path(f"{n}.h5"), {"title": n}, {}, structure, [case]) for n in "ab")
+    titles = [figure.title for figure in make_figures([own, other])]
+    assert [title[-6:] for title in titles] == ["(a.h5)", "(b.h5)"]
+    assert not make_figures([own])[0].title.endswith("h5)")
+    assert make_tables([own, other])[0].title.endswith("(a.h5)")
 
 
 def test_a_single_percentile_is_drawn_and_named_once(axes):
