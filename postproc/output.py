@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -37,15 +39,22 @@ class Parser(argparse.ArgumentParser):
 
 
 def exit_code(work: Callable[[], None]) -> int:
-    """0, or the code of the refusal that ended the work, which standard error then names."""
+    """0, or the code of the refusal that ended the work, which standard error then names.
+
+    Ctrl-C ends the program as it ends one in any other language: by the signal, without a word.
+    """
     try:
         try:
             work()
         finally:
             _flush()
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        signal.raise_signal(signal.SIGINT)
     except Refusal as refusal:
         try:
-            print(refusal, file=sys.stderr, flush=True)
+            if refusal.args:
+                print(refusal, file=sys.stderr, flush=True)
         except OSError:
             _silence(2)
         return refusal.code
@@ -116,7 +125,10 @@ def _flush() -> None:
 
 
 def _unwritten(error: OSError) -> OutputError:
+    """The refusal; it says nothing of a pipe whose reader has ended, such as `head`."""
     _silence(1)
+    if error.errno == errno.EPIPE:
+        return OutputError()
     return OutputError(f"standard output: cannot be written: {error.strerror}")
 
 

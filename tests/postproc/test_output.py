@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -103,15 +104,10 @@ def test_a_file_is_whole_or_as_before(tmp_path):
     assert path.read_bytes() == b"before"
 
 
-def test_a_full_or_closed_output_is_one_line(process_file, tmp_path):
+def test_a_full_output_is_one_line(process_file, tmp_path):
     with open("/dev/full", "w") as full:
         line = one_line(run(process_file, "--out", tmp_path, stdout=full), 3)
         assert line == "standard output: cannot be written: No space left on device"
-    reader, writer = os.pipe()
-    os.close(reader)
-    line = one_line(run("--help", stdout=writer), 3)
-    os.close(writer)
-    assert line == "standard output: cannot be written: Broken pipe"
 
 
 def test_no_standard_output_is_one_line():
@@ -161,3 +157,21 @@ def empty_axis(case, axis):
         del case[name]
     case[axis] = np.zeros(0)
     case[axis].make_scale(axis)
+
+
+def test_ctrl_c_ends_it_without_a_traceback():
+    code = (
+        "import signal\nfrom entroslip.output import exit_code\n"
+        "exit_code(lambda: signal.raise_signal(signal.SIGINT))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, b"")
+
+
+def test_a_reader_that_ends_early_is_no_error_to_speak_of():
+    """`... | head` printed `standard output: cannot be written: Broken pipe`."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = run("--help", stdout=writer)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (3, b"")
