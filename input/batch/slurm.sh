@@ -1,7 +1,7 @@
 #!/bin/bash
 # A scene as a Slurm job that goes on, by itself, for as many wall times as it needs:
 #
-#   sbatch input/batch/slurm.sh SCENE OUTPUT
+#   sbatch input/batch/slurm.sh SCENE OUTPUT [options of run, such as --set campaign%n_samples=1000]
 #
 # The job stops ahead of its wall time with everything finished safe (code 75) and puts itself back
 # into the queue; the next start continues. The results are the same bits as without interruption.
@@ -20,6 +20,7 @@
 
 scene=${1:?which scene? sbatch slurm.sh SCENE OUTPUT}
 output=${2:?which output? sbatch slurm.sh SCENE OUTPUT}
+shift 2
 program=${ENTROSLIP:-build/release/bin/entroslip}
 export OPENBLAS_NUM_THREADS=1 # else OpenBLAS starts threads that entroslip leaves idle
 
@@ -34,7 +35,7 @@ ask_to_stop() {
 trap ask_to_stop USR1 TERM
 
 # shellcheck disable=SC2086   # words of options
-mpirun $MPIRUN_OPTIONS -n "$SLURM_NTASKS" "$program" run "$scene" --output "$output" "${share[@]}" &
+mpirun $MPIRUN_OPTIONS -n "$SLURM_NTASKS" "$program" run "$scene" --output "$output" "${share[@]}" "$@" &
 run=$!
 while kill -0 "$run" 2>/dev/null; do
   wait "$run" # which a signal to this script ends early

@@ -97,5 +97,18 @@ def test_members_of_an_array_share_the_work(slurm, submit, reference, tmp_path):
     assert scene_bits(output) == reference
 
 
+def test_options_of_run_reach_the_program(tmp_path):
+    """`slurm.sh SCENE OUTPUT --set ...`, to extend a campaign, left the option out."""
+    (tmp_path / "mpirun").write_text('#!/bin/sh\necho "$@"\n')
+    (tmp_path / "mpirun").chmod(0o755)
+    extended = ["--set", "campaign%n_samples=600"]
+    done = subprocess.run(
+        ["bash", BATCH / "slurm.sh", "scene.nml", "r.h5", *extended],
+        capture_output=True, text=True, check=True,
+        env=os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "SLURM_NTASKS": "2"},
+    )  # fmt: skip
+    assert done.stdout.split()[-4:] == ["--output", "r.h5", *extended]
+
+
 def is_rank(pid: int) -> bool:
     return Path(f"/proc/{pid}/comm").read_text().strip() == "entroslip"
