@@ -216,6 +216,7 @@ def test_python_works_as_written(as_written, tmp_path):
     )
     assert "fraction of time in slip" in said
     assert (tmp_path / "mine.pdf").exists()
+    assert (tmp_path / "rod/scene.nml").exists()
 
 
 def test_the_readme_works_as_written(as_written, tmp_path):
