@@ -102,9 +102,9 @@ contains
       text = text//labelled('', 'errors are the scatter of the same estimates from '// &
                             'realizations of the process at the same points')
       if (found%n_records > found%n_points) &
-         text = text//labelled('note', 'the file has more lines than values in a line: correlation '// &
-                               'is sought along a line; transpose a file with neighbouring '// &
-                               'joints below each other')
+         text = text//labelled('note', 'the file has more lines than values in a line: '// &
+                               'correlation is sought along a line; transpose a file with '// &
+                               'neighbouring joints below each other')
       if (allocated(found%refusal)) then
          note = found%refusal//'; the estimates above are the likeliest '// &
                 trim(merge('of order 1         ', 'without correlation', found%l0 > 0.0_wp))

@@ -17,8 +17,8 @@ module driver_whatif_text
 
 contains
 
-   !> Law, force and samples of a case, what their force record adds to the errors, and the tables of
-   !> its estimates: a dash if the law is too far from the samples for any.
+   !> Law, force and samples of a case, what the force record adds to errors, and the tables of its
+   !> estimates: a dash if the law is too far from the samples for any.
    pure function law_text(plan, pool, number, errors, best) result(text)
       type(plan_type), intent(in) :: plan
       type(case_pool), intent(in) :: pool
