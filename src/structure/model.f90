@@ -221,12 +221,52 @@ contains
                        'negative, the structure would buckle')
             return
          end if
+         if (are_stuck) call refine_modes(structure, eigenvalues, modes, error)
+         if (allocated(error)) return
          call find_low_modes(are_stuck, name, structure, eigenvalues, modes, error)
          if (allocated(error)) return
       end if
       allocate (frequencies, source=sign(sqrt(abs(eigenvalues)), eigenvalues)/two_pi)
       if (are_stuck) call move_alloc(modes, structure%modes_stuck)
    end subroutine find_modes
+
+   !> Finds again the modes whose eigenvalues are below 1e-4 of the largest, as all have its rounding:
+   !> from the energies among these modes (Rayleigh-Ritz), of K and of the joints. Then those below
+   !> 1e-4 of the largest of these, and so on.
+   subroutine refine_modes(structure, eigenvalues, modes, error)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(inout), contiguous :: eigenvalues(:)   !! (mode), ascending
+      real(wp), intent(inout), contiguous :: modes(:, :)      !! (dof, mode)
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: share = 1.0e-4_wp
+      real(wp), allocatable, dimension(:, :) :: energy, extension, mass, pushed, vectors
+      real(wp), allocatable :: refined(:)
+      integer :: last, m
+
+      last = size(eigenvalues)
+      do
+         m = count(abs(eigenvalues(:last)) <= share*eigenvalues(last))
+         if (m == 0 .or. m == last) return
+         associate (low => modes(:, :m))
+            allocate (pushed, mold=low)
+            allocate (energy(m, m), mass(m, m))
+            call multiply(structure%mass, low, pushed)
+            call multiply(low, pushed, mass, transposes_a=.true.)
+            call multiply(structure%stiffness, low, pushed)
+            call multiply(low, pushed, energy, transposes_a=.true.)
+            extension = matmul(transpose(structure%direction), low) &
+                        *spread(sqrt(structure%joint_stiffness), 2, m)
+            energy = energy + matmul(transpose(extension), extension)
+            call solve_symmetric_eigenproblem(energy, mass, refined, error, vectors)
+            if (allocated(error)) return
+            eigenvalues(:m) = refined
+            call multiply(low, vectors, pushed)
+            low = pushed
+         end associate
+         deallocate (energy, mass, pushed)
+         last = m
+      end do
+   end subroutine refine_modes
 
    !> Finds eigenvalues below 1e-10 of the largest, which have few correct digits, and their modes,
    !> from the energies among these modes (Rayleigh-Ritz): first of K, which are zero below the
