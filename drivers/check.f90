@@ -26,10 +26,9 @@ module driver_check
    private
    public :: check
 
-   !> Expected processor time of the trial march that predicts the statistical error [s].
-   real(wp), parameter :: budget = 4.0_wp
-   real(wp), parameter :: most_seconds = 6.0_wp   !! longest expected time of trial marches [s]
-   real(wp), parameter :: most_pilot = 3.0_wp     !! longest expected time of the pilot march [s]
+   !> Longest expected processor time of each measurement [s]: of settings, of the folded spectra, of
+   !> a step, of the statistical error.
+   real(wp), parameter :: most_seconds = 3.0_wp
 
 contains
 
@@ -50,9 +49,9 @@ contains
       call world%stop_on(error)
       is_quiet = line%has('--quiet') .or. .not. world%is_root()
       call choose_setting(world, is_quiet, scene, plan, choice, most_seconds)
-      call choose_spectrum_step(world, plan, scene%force, most_pilot, error)
+      call choose_spectrum_step(world, plan, scene%force, most_seconds, error)
       if (plan%has_structure .and. world%is_root() .and. .not. allocated(error)) &
-         call measure_cost(plan, scene%force, cost, error)
+         call measure_cost(plan, scene%force, most_seconds, cost, error)
       call world%stop_on(error)
       call predict_samples_needed(world, is_quiet, plan, scene%force, cost%nanoseconds, need)
       if (world%is_root()) then
@@ -135,7 +134,7 @@ contains
       if (all(plan%cases%process == 0)) return
       call solve_processes(world, plan, is_quiet, models)
       if (.not. all(models%is_solved)) return
-      call measure_settings(world, plan, force, trial_scope(budget, most_seconds, &
+      call measure_settings(world, plan, force, trial_scope(most_seconds, most_seconds, &
                                                             has_settings=.false., &
                                                             is_statistical=.true., models=models), &
                             is_quiet, measured, is_stopped, error)

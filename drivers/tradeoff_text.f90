@@ -8,7 +8,7 @@ module driver_tradeoff_text
    use numerics_sorting, only: sort_order
    use process_model, only: process_model_type
    use tradeoff_front, only: has_drawn_friction, meets_targets
-   use tradeoff_settings, only: setting_dt, setting_type
+   use tradeoff_settings, only: reference_setting, setting_dt, setting_type
    use tradeoff_task_results, only: band_ratio, n_published, psd_mean, psd_percentiles, slip, &
                                     slip_std
    use tradeoff_variants, only: variant_type
@@ -65,8 +65,9 @@ contains
                                  'samples')//' at '//counted(size(levels), 'level', 'levels')// &
                          ' of force, '//to_text(found%tradeoff%plan%integration%n_steps)// &
                          ' steps each')// &
-                labelled('against', 'event, tolerance 1e-12, on the same samples; errors are '// &
-                         'the largest over levels and dofs')//line_feed//row_text(columns, columns)
+                labelled('against', setting_text(reference_setting, plan%integration%dt)// &
+                         ', on the same samples; errors are the largest over levels and dofs')// &
+                line_feed//row_text(columns, columns)
          has_bands = plan%output%spectrum .and. maxval(plan%cases%n_samples) > 1
          ranking = sort_order(rows%cost)
          do i = 1, size(ranking)

@@ -23,7 +23,7 @@ module driver_trial_runs
    use tradeoff_front, only: meets_targets, nearest_to_targets, setting_row, setting_rows_of
    use tradeoff_marches, only: run_task
    use tradeoff_pilot, only: choose_every
-   use tradeoff_settings, only: use_setting
+   use tradeoff_settings, only: reference_setting, use_setting
    use tradeoff_task_results, only: band_ratio, slip
    use tradeoff_tasks, only: new_tradeoff, samples_of_block, trial_scope, tradeoff_type
    implicit none(type, external)
@@ -179,6 +179,7 @@ contains
             end if
             call raise(error, exit_no_solution, target//': no setting keeps it; the nearest is '// &
                        setting_text(nearest%setting, plan%integration%dt)//' with '//reached// &
+                       ' against '//setting_text(reference_setting, plan%integration%dt)// &
                        ', twice its standard error included')
          end if
          call world%stop_on(error)

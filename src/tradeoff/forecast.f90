@@ -29,8 +29,7 @@ module tradeoff_forecast
    public :: cost_type, end_seconds, measure_cost
 
    real(wp), parameter :: budget = 0.4_wp             !! expected processor time of the marches [s]
-   integer, parameter :: fewest_steps = 1200          !! unless they take most_time
-   real(wp), parameter :: most_time = 2.0e9_wp        !! [ns]
+   integer, parameter :: fewest_steps = 1200          !! unless they take most_seconds
    real(wp), parameter :: least_steps = 64.0_wp
 
    !> Measured processor time, a mean over all samples. Includes spectra and other kept results.
@@ -46,9 +45,10 @@ module tradeoff_forecast
 contains
 
    !> Marches a block at every force level and measures its cost.
-   subroutine measure_cost(plan, file_force, cost, error)
+   subroutine measure_cost(plan, file_force, most_seconds, cost, error)
       type(plan_type), intent(in) :: plan          !! plan without audits
       real(wp), intent(in) :: file_force(0:, :)    !! (step, 1 or sample) [N]; else of size 0
+      real(wp), intent(in) :: most_seconds         !! processor time of each march [s]
       type(cost_type), intent(out) :: cost
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: short
@@ -67,7 +67,7 @@ contains
       cost%form = shortest%form_of_march()
       own = own_setting(plan)
       own%work = shortest%marcher%work
-      cost%n_steps = steps_for(plan, [(size(levels(k)%sample), k=1, size(levels))], own)
+      cost%n_steps = steps_for(plan, [(size(levels(k)%sample), k=1, size(levels))], own, most_seconds)
       call limit_steps(cost%n_steps, short)
       call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
                           error, prepared=shortest)
@@ -76,7 +76,7 @@ contains
          call draw_level(short, runner, cost%n_steps, levels(k), error)
          if (allocated(error)) return
          call time_level(short, runner, levels(k), real(levels(k)%n_all, wp)/sum(levels%n_all), &
-                         cost, error)
+                         most_seconds, cost, error)
          if (allocated(error)) return
       end do
    end subroutine measure_cost
@@ -93,17 +93,18 @@ contains
    end subroutine limit_steps
 
    !> Number of steps that the budget and the memory of histories allow, or fewest_steps within
-   !> most_time.
-   pure integer function steps_for(plan, n_samples, own)
+   !> most_seconds.
+   pure integer function steps_for(plan, n_samples, own, most_seconds)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: n_samples(:)     !! (level)
       type(setting_type), intent(in) :: own   !! setting of the scene, with its counted work
+      real(wp), intent(in) :: most_seconds
       real(wp) :: fewest, most, step_time   ! [ns]
 
       step_time = sum(n_samples*expected_cost(own, plan%structure%n_dof, n_samples, &
                                               assumed_transitions))
       most = 1.0e9_wp*budget/step_time
-      fewest = min(1.0_wp*fewest_steps, max(most_time/step_time, least_steps, &
+      fewest = min(1.0_wp*fewest_steps, max(1.0e9_wp*most_seconds/step_time, least_steps, &
                                             2.0_wp*plan%output%spectrum_every))
       if (plan%output%history) &
          most = min(most, history_memory/(16.0_wp*size(kept_dofs(plan))*sum(n_samples)))
@@ -112,11 +113,12 @@ contains
 
    !> Times the march of one force level by the scene's method and by that of audits, whose blocks
    !> are narrower. Adds its share of the cost.
-   subroutine time_level(plan, prepared, level, share, cost, error)
+   subroutine time_level(plan, prepared, level, share, most_seconds, cost, error)
       type(plan_type), intent(in) :: plan     !! plan of the short march
       type(runner_type), intent(inout) :: prepared   !! runner whose marchers are used
       type(level_type), intent(in) :: level
       real(wp), intent(in) :: share           !! share of all samples that is at this level
+      real(wp), intent(in) :: most_seconds
       type(cost_type), intent(inout) :: cost
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: audit
@@ -145,9 +147,9 @@ contains
       audit%output = kept_of(plan, size(plan%cases))
       own = own_setting(audit)
       own%work = prepared%reference%work
-      n_steps = max(least_steps, most_time/(n*expected_cost(own, plan%structure%n_dof, n, &
-                                                            assumed_transitions)))
-      call limit_steps(int(min(n_steps, 1.0_wp*plan%integration%n_steps)), audit)
+      n_steps = 1.0e9_wp*most_seconds/(n*expected_cost(own, plan%structure%n_dof, n, &
+                                                       assumed_transitions))
+      call limit_steps(int(min(max(n_steps, least_steps), 1.0_wp*plan%integration%n_steps)), audit)
       call move_alloc(prepared%reference, audit_runner%marcher)
       call time_march(audit, audit_runner, audited, result, nanoseconds, error)
       call move_alloc(audit_runner%marcher, prepared%reference)

@@ -69,6 +69,7 @@ def test_a_target_out_of_reach_is_refused(entroslip, small_scene, tmp_path):
         done = entroslip(command, small_scene, "--set", "accuracy%target_slip_points=1e-14")
         assert done.returncode == 4
         assert "accuracy%target_slip_points = 1.0E-14" in done.stderr
+        assert " against event, tolerance 1e-12, twice" in done.stderr
         assert "the nearest is event" in done.stderr
     ratio = entroslip("run", small_scene, "--set", "accuracy%target_band_ratio=1e-15")
     assert ratio.returncode == 4
