@@ -26,8 +26,8 @@ module driver_check
    private
    public :: check
 
-   !> Longest expected processor time of each measurement [s]: of settings, of the folded spectra, of
-   !> a step, of the statistical error.
+   !> Longest expected processor time of each measurement [s]: settings, folded spectra, time of a
+   !> step, statistical error.
    real(wp), parameter :: most_seconds = 3.0_wp
 
 contains

@@ -136,8 +136,6 @@ contains
          structure%damping = damping%matrix
          structure%fastest_decay = maxval(decay)
       else if (any(abs(damping%rayleigh) > 0.0_wp)) then
-         if (any(damping%rayleigh < 0.0_wp)) &
-            call raise(error, exit_bad_input, name//': rayleigh must be zero or positive')
          structure%damping = damping%rayleigh(1)*structure%mass + &
                              damping%rayleigh(2)*structure%stiffness
          structure%fastest_decay = damping%rayleigh(1) + damping%rayleigh(2) &
@@ -146,8 +144,6 @@ contains
          call raise(error, exit_bad_input, name//': holds '//to_text(size(damping%ratio))// &
                     ' values: must be one, or one for each of the '//to_text(structure%n_dof)// &
                     ' modes')
-      else if (any(damping%ratio < 0.0_wp)) then
-         call raise(error, exit_bad_input, name//': must be zero or positive')
       else
          structure%damping_ratio = damping%ratio
          if (size(damping%ratio) == 1) &
@@ -230,9 +226,9 @@ contains
       if (are_stuck) call move_alloc(modes, structure%modes_stuck)
    end subroutine find_modes
 
-   !> Finds again the modes whose eigenvalues are below 1e-4 of the largest, as all have its rounding:
-   !> from the energies among these modes (Rayleigh-Ritz), of K and of the joints. Then those below
-   !> 1e-4 of the largest of these, and so on.
+   !> Finds again the modes whose eigenvalues are below 1e-4 of the largest, as all have its
+   !> rounding: from the energies of K and of the joints among these modes (Rayleigh-Ritz). Then
+   !> those below 1e-4 of the largest of these, and so on.
    subroutine refine_modes(structure, eigenvalues, modes, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(inout), contiguous :: eigenvalues(:)   !! (mode), ascending

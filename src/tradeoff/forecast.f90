@@ -67,7 +67,8 @@ contains
       cost%form = shortest%form_of_march()
       own = own_setting(plan)
       own%work = shortest%marcher%work
-      cost%n_steps = steps_for(plan, [(size(levels(k)%sample), k=1, size(levels))], own, most_seconds)
+      cost%n_steps = steps_for(plan, [(size(levels(k)%sample), k=1, size(levels))], own, &
+                               most_seconds)
       call limit_steps(cost%n_steps, short)
       call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
                           error, prepared=shortest)
