@@ -26,11 +26,9 @@ module dynamics_response
       integer(long) :: step = 0                         !! number of steps marched
       real(wp), allocatable :: displacement(:, :)       !! x (dof, sample) [m]
       real(wp), allocatable :: velocity(:, :)           !! (dof, sample) [m/s]
-      !> (item, sample) internal state, from which the exact march continues with the same bits, if
-      !> it has stored it at this step and with parts of this length [s]
+      !> (item, sample) internal state, from which the exact march that stored it continues with the
+      !> same bits; another march must not continue
       real(wp), allocatable :: internal(:, :)
-      integer(long) :: internal_step = -1
-      real(wp) :: internal_h = 0.0_wp
       real(wp), allocatable :: slider(:, :)             !! z (joint, sample) [m]; force k (w.x - z)
       integer, allocatable :: direction(:, :)           !! slip +1, -1; stuck 0 (joint, sample)
       real(wp), allocatable :: slip_limit(:, :)         !! mu N (joint, sample) [N]

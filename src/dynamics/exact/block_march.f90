@@ -54,7 +54,9 @@ contains
 
       associate (base => self%base, structure => self%structure)
          base%keeps_ledger = state%keeps_ledger
-         call find_internal(base, state)
+         base%has_internal = allocated(state%internal)
+         if (.not. base%has_internal) &
+            allocate (state%internal(base%n_internal, state%n_samples), source=0.0_wp)
          buffers%has_frictionless = any(.not. state%slip_limit > 0.0_wp)
          allocate (buffers%groups(1))
          allocate (buffers%displacement(width, state%n_dof, merge(buffer_size, 0, &
@@ -92,7 +94,6 @@ contains
             call store_sliders(base%paths, structure%joint_stiffness, state)
          end do
          state%step = state%step + ubound(force, 1)
-         state%internal_step = state%step
       end associate
    end subroutine advance
 
@@ -113,20 +114,6 @@ contains
          end associate
       end do
    end subroutine store_sliders
-
-   !> Finds if the block has the internal state of this march now, and allocates it if not.
-   pure subroutine find_internal(base, state)
-      class(base_system), intent(inout) :: base
-      type(block_state), intent(inout) :: state
-
-      base%has_internal = state%internal_step == state%step .and. &
-                          abs(state%internal_h - base%h) <= 0.0_wp
-      if (base%has_internal) base%has_internal = size(state%internal, 1) == base%n_internal
-      if (base%has_internal) return
-      if (allocated(state%internal)) deallocate (state%internal)
-      allocate (state%internal(base%n_internal, state%n_samples), source=0.0_wp)
-      state%internal_h = base%h
-   end subroutine find_internal
 
    !> Marches all lanes through one part of a step, with its transitions.
    subroutine march_part(base, begin, state, buffers, error)
