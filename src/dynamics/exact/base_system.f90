@@ -19,11 +19,12 @@ module dynamics_exact_base_system
       logical :: keeps_ledger = .false.
       real(wp) :: work_done(width, 2) = 0.0_wp   !! (lane, input viscous) since the start [J]
       integer :: n_internal = 0    !! length of a sample's internal state, see block_state
-      logical :: has_internal = .false.   !! True if load_state finds its internal state
+      logical :: has_internal = .false.   !! True if the block has an internal state
       type(joint_paths) :: paths
    contains
       !> Allocates all arrays, those of paths among them, and copies samples paths%first_sample, ..
-      !> from the block: their internal state if it has that, else displacements and velocities.
+      !> from the block: their internal state if it has that, else power series take displacements and
+      !> velocities, and modes need rest.
       procedure(state_transfer), deferred :: load_state
       !> Copies displacements, velocities and the internal state, from which the march continues
       !> with the same bits, to the block.

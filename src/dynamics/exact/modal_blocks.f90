@@ -29,7 +29,6 @@ module dynamics_exact_modal_blocks
       procedure :: metric
       procedure :: outputs
       procedure :: inputs
-      procedure :: variables
    end type modal_blocks
 
 contains
@@ -225,14 +224,5 @@ contains
          factors = matmul(self%inverse(first::first, size(load, 1) + 1:), load)
       end associate
    end function inputs
-
-   !> State variables of all blocks: (first variable of block, second) of one port, or (port, 1).
-   pure function variables(self, q, velocity) result(p)
-      class(modal_blocks), intent(in) :: self
-      real(wp), intent(in) :: q(:), velocity(:)   !! q' (mode)
-      real(wp) :: p(self%ports*size(q), 3 - self%ports)
-
-      p = transpose(reshape(matmul(self%inverse, [q, velocity]), [size(p, 2), size(p, 1)]))
-   end function variables
 
 end module dynamics_exact_modal_blocks

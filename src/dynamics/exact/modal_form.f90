@@ -97,7 +97,7 @@ contains
       end associate
    end subroutine allocate_memory
 
-   !> See base_system.
+   !> See base_system. Without an internal state, which is then zero, the block must be at rest.
    subroutine load_state(self, state)
       class(modal_form), intent(inout) :: self
       type(block_state), intent(inout) :: state
@@ -114,21 +114,13 @@ contains
          w = self%paths%first_sample + l - 1
          g = group_of(l)
          e = l - lanes*(g - 1)
-         associate (place => state%displacement(:, w), speed => state%velocity(:, w), &
-                    kept => state%internal(:, w), u => self%paths%x(l, :m, self%paths%layer(0)), &
-                    v => self%paths%x(l, :m, self%paths%layer(1)), ops => self%operators, &
-                    modes => self%modes(e, :n, :, g))
-            if (self%has_internal) then
-               modes = reshape(kept(:k), shape(modes))
-               u = kept(k + 1:k + m)
-               v = kept(k + m + 1:)
-            else
-               modes(:, :k/n - 1) = ops%blocks%variables(matmul(place, ops%momentum), &
-                                                         matmul(speed, ops%momentum)*self%h)
-               modes(:, k/n) = matmul(ops%push(:n, :), state%slider(:, w))
-               u = matmul(place, ops%direction)
-               v = matmul(speed, ops%direction)*self%h
-            end if
+         if (.not. self%has_internal .and. any(abs(state%velocity(:, w)) &
+                                               + abs(state%displacement(:, w)) > 0.0_wp)) &
+            error stop 'modal_form: load_state'
+         associate (kept => state%internal(:, w), modes => self%modes(e, :n, :, g))
+            modes = reshape(kept(:k), shape(modes))
+            self%paths%x(l, :m, self%paths%layer(0)) = kept(k + 1:k + m)
+            self%paths%x(l, :m, self%paths%layer(1)) = kept(k + m + 1:)
          end associate
       end do
    end subroutine load_state

@@ -31,7 +31,6 @@ module dynamics_exact_modal_operators
       integer :: n_rows = 0                     !! number of ports of all blocks
       type(modal_blocks) :: blocks
       real(wp), allocatable :: momentum(:, :)   !! M Phi (dof, mode): q = (M Phi)' x
-      real(wp), allocatable :: direction(:, :)  !! W (dof, joint)
       real(wp), allocatable :: push(:, :)       !! S (row, joint)
       real(wp), allocatable :: load(:, :)       !! h^2 Phi' b (row, force)
       !> Ports to w.x and, if blocks have two ports, to w.v (.., 1:ports); to x and v of the dofs
@@ -123,7 +122,6 @@ contains
       call new_modal_blocks(rate, operators%damping, operators%blocks, error)
       if (allocated(error)) return
 
-      allocate (operators%direction, source=structure%direction)
       operators%momentum = matmul(structure%mass, structure%modes_stuck)
       operators%modal_load = operators%h**2*matmul(transpose(structure%modes_stuck), &
                                                    structure%load)
