@@ -23,8 +23,8 @@ module dynamics_exact_base_system
       type(joint_paths) :: paths
    contains
       !> Allocates all arrays, those of paths among them, and copies samples paths%first_sample, ..
-      !> from the block: their internal state if it has that, else power series take displacements and
-      !> velocities, and modes need rest.
+      !> from the block: their internal state if it has that, else displacements and velocities,
+      !> which must be zero for modes.
       procedure(state_transfer), deferred :: load_state
       !> Copies displacements, velocities and the internal state, from which the march continues
       !> with the same bits, to the block.

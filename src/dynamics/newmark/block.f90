@@ -40,7 +40,6 @@ module dynamics_newmark_block
       real(wp), pointer, contiguous :: bounds(:, :, :) => null()
       logical :: has_frictionless = .false.
       real(wp), allocatable :: reach(:, :)        !! mu N/k (joint, sample) [m]
-      real(wp), allocatable :: work(:, :)         !! (input viscous, sample) [J]
       ! buffers
       type(newmark_trial), allocatable :: trials(:)
       real(wp), allocatable :: change(:, :)         !! (trial, force) change in a step [N]
@@ -89,8 +88,8 @@ contains
       allocate (block%step_ticks(samples), source=shiftl(1_long, max_halvings))
       allocate (block%pattern(samples), block%list(m + 1), source=0)
       allocate (block%trials(samples))
-      allocate (block%work(2, samples), block%change(samples, block%n_forces), &
-                block%factor(m + 1, m), block%margin(rows, 0:1), source=0.0_wp)
+      allocate (block%change(samples, block%n_forces), block%factor(m + 1, m), &
+                block%margin(rows, 0:1), source=0.0_wp)
       call block%memory%reserve(10_long*rows*samples)
       call block%memory%assign_planes([rows, 3, 2*samples], planes)
       block%motion(1:rows, 1:3, 0:1, 1:samples) => planes
@@ -124,9 +123,6 @@ contains
       end do
       state%step = state%step + ubound(block%force, 1)
       call count_open_slips(block%frame%structure, state%step*block%dt, state)
-      if (.not. state%keeps_ledger) return
-      state%work_input = state%work_input + block%work(1, :)
-      state%work_viscous = state%work_viscous + block%work(2, :)
    end subroutine store_block
 
    !> Lists the next trial steps of some samples, with the changes of the forces over them. Map
@@ -308,12 +304,12 @@ contains
    !> Counts the work, if wanted, and the slip of joints without friction over the trial step of
    !> sample w.
    pure subroutine count_step(self, state, w)
-      class(newmark_block), intent(inout) :: self
+      class(newmark_block), intent(in) :: self
       type(block_state), intent(inout) :: state
       integer, intent(in) :: w
       integer :: j
 
-      if (state%keeps_ledger) call add_work(self, w)
+      if (state%keeps_ledger) call add_work(self, state, w)
       if (.not. self%has_frictionless) return
       associate (old => self%slot(w), row => self%frame%row, h => self%step_ticks(w)*self%tick_size)
          do j = 1, self%n_joints
@@ -327,18 +323,20 @@ contains
    !> Adds the work of the forces and the dampers over the trial step of sample w. With average
    !> acceleration, mean force times displacement, less the dampers' work at the mean velocity and
    !> that of the joints, is the change of the stored energy to rounding.
-   pure subroutine add_work(self, w)
-      class(newmark_block), intent(inout) :: self
+   pure subroutine add_work(self, state, w)
+      class(newmark_block), intent(in) :: self
+      type(block_state), intent(inout) :: state
       integer, intent(in) :: w
       real(wp) :: dx(self%frame%n_dof)
 
       associate (structure => self%frame%structure, n => self%frame%n_dof)
          dx = self%motion(:n, 3, 1 - self%slot(w), w) - self%motion(:n, 3, self%slot(w), w)
-         self%work(1, w) = self%work(1, w) &
-                           + dot_product(matmul(structure%load, &
-                                                force_at(self, w, 0.5_wp*self%step_ticks(w))), dx)
-         self%work(2, w) = self%work(2, w) + dot_product(dx, matmul(structure%damping, dx)) &
-                           /(self%step_ticks(w)*self%tick_size)
+         state%work_input(w) = state%work_input(w) &
+                               + dot_product(matmul(structure%load, force_at( &
+                                                    self, w, 0.5_wp*self%step_ticks(w))), dx)
+         state%work_viscous(w) = state%work_viscous(w) &
+                                 + dot_product(dx, matmul(structure%damping, dx)) &
+                                 /(self%step_ticks(w)*self%tick_size)
       end associate
    end subroutine add_work
 
