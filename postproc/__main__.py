@@ -18,7 +18,7 @@ from .figures.figure import Figure, Ranges
 from .figures.gallery import make_figures
 from .figures.style import apply_style
 from .measured import measured_figure, read_measured
-from .output import InputError, Parser, exit_code, say
+from .output import InputError, Parser, exit_code, say, show
 from .paper.numbers import table_correlations, table_numbers
 from .paper.printed import AXES
 from .paper.statements import assess
@@ -83,7 +83,13 @@ def _draw(files: list[Results], options: argparse.Namespace) -> str:
     for table in [*tables, *judged]:
         table.write_csv(options.out)
     ranges = (AXES if options.paper_axes else {}) | dict(options.axes)
-    figures = [(figure, figure.save(options.out, ranges)) for figure in planned]
+    figures = []
+    try:
+        for number, figure in enumerate(planned, start=1):
+            show(f"drawing figure {number} of {len(planned)}")
+            figures.append((figure, figure.save(options.out, ranges)))
+    finally:
+        show("")
     report = options.out / "report.html"
     write_report(files, statements, tables, figures, report)
     drawn = {"figure": len(figures), "table": len(tables) + len(judged)}

@@ -72,6 +72,16 @@ def say(text: str) -> None:
         raise _unwritten(error) from error
 
 
+def show(text: str) -> None:
+    """Show what is going on until the next call, on a terminal; an empty text clears the line."""
+    if sys.stdout is None or not sys.stdout.isatty():
+        return
+    try:
+        print(f"\r\x1b[K{text}", end="", flush=True)
+    except OSError as error:
+        raise _unwritten(error) from error
+
+
 def write_file(path: Path, content: bytes) -> None:
     """Write under a name of its own, then rename: a file of this name is always whole.
 

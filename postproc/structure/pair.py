@@ -58,7 +58,10 @@ class Pair:
         try:
             return self.labels.index(label)
         except ValueError:
-            shown = ", ".join(self.labels[:_NAMED]) + (" ..." if self.n_dof > _NAMED else "")
+            node = label.partition(":")[0]
+            near = [other for other in self.labels if other.partition(":")[0] == node]
+            named = near or self.labels
+            shown = ", ".join(named[:_NAMED]) + (" ..." if len(named) > _NAMED else "")
             raise InputError(f"dof {label}: is not among {self.n_dof} dofs: {shown}") from None
 
 

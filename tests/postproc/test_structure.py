@@ -14,6 +14,7 @@ import scipy.io
 import scipy.sparse as sp
 
 from entroslip import structure
+from entroslip.output import InputError
 from entroslip.paper.printed import SLIP_HZ, STUCK_HZ
 from entroslip.structure import Joint, Pair, chain, craig_bampton, read_pair, ring
 from entroslip.structure.__main__ import main
@@ -241,6 +242,15 @@ def test_what_rounded_dmig_does_to_the_lowest_frequency_is_noted(tmp_path, digit
         stated = float(re.search(r"scatters by (\S+)%", pair.notes[0])[1]) / 100
         change = abs(frequencies(pair, 1)[0] / exact - 1)
         assert stated / 4 < change < 4 * stated
+
+
+def test_a_node_alone_is_refused_with_its_dofs():
+    """'1813: is not among 351 dofs: 1001:3, 1001:4 ...'"""
+    pair = Pair(sp.eye_array(4), sp.eye_array(4), ("7:1", "7:3", "12:1", "12:3"))
+    with pytest.raises(InputError, match=r"^dof 12: is not among 4 dofs: 12:1, 12:3$"):
+        pair.position("12")
+    with pytest.raises(InputError, match=r"^dof 8:1: is not among 4 dofs: 7:1, 7:3, 12:1, 12:3$"):
+        pair.position("8:1")
 
 
 def test_dofs_held_in_abaqus_are_left_out_by_number_too(tmp_path):
