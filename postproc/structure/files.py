@@ -128,6 +128,10 @@ def _read(source: str, letter: str) -> _Read:
             raise InputError(f"{path}: cannot be read as {kind}: {words}") from error
         key = _chosen(path, found, wanted, letter)
         return _Read(str(path), _as_matrix(found[key], f"{path}: {key}".removesuffix(": ")))
+    if b"\0" in head:
+        raise InputError(
+            f"{path}: is binary, and none of {', '.join(key for key in _READERS if key[0] == '.')}"
+        )
     named = read_dmig(path) if b"DMIG" in head.upper() else {"": read_abaqus(path)}
     return _of_entries(named[_chosen(path, named, wanted, letter)])
 

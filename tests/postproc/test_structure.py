@@ -435,6 +435,7 @@ def spoilt(folder):
     (folder / "words.inp").write_text("** K\n1,1,1,1,2.0\n1,1,2,1,two\n")
     (folder / "twice.inp").write_text("1,1,1,1,2.0\n1,1,1,1,3.0\n")
     (folder / "short.inp").write_text("1,1,1,1,2.0\n1,1,1\n")
+    (folder / "model.op2").write_bytes(b"\x04\0\0\0\x0c\0\0\0")
     (folder / "complex.pch").write_text("DMIG    K              0       6       3       0\n")
     (folder / "cut.pch").write_text("DMIG    K              0       6       2       0\n")
     (folder / "late.pch").write_text(
@@ -456,6 +457,7 @@ def spoilt(folder):
         "word": (of(folder / "words.inp"), "words.inp:3: two: must be a number"),
         "twice": (of(folder / "twice.inp"), "twice.inp:2: entry 1:1, 1:1 stands twice"),
         "short": (of(folder / "short.inp"), "short.inp:2: must be node, dof, node, dof, value"),
+        "binary": (of(folder / "model.op2"), "model.op2: is binary, and none of .npy, .npz, .mat,"),
         "row 0": (of(folder / "zero.inp"), "zero.inp: row 0: must be from 1 to"),
         "far row": (of(folder / "far.inp"), "far.inp: row 99999999999999999999: must be from 1 to"),
         "empty": (of(folder / "empty.npy"), "empty.npy: cannot be read as a NumPy array"),
