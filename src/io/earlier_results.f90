@@ -170,7 +170,8 @@ contains
       allocate (found(0))
       do i = 1, 2*n_cases
          n = 0
-         group = hdf5_object(file, case_group(i, n_cases))
+         group%file = file
+         group%path = case_group(i, n_cases)
          if (file%has(group%path)) call group%read('n_samples', n)
          call group%take_error(error)
          if (allocated(error)) exit

@@ -41,7 +41,8 @@ contains
       type(hdf5_object) :: dataset
       real(wp) :: found
 
-      dataset = hdf5_object(root%file, root%path_of(name))
+      dataset%file = root%file
+      dataset%path = root%path_of(name)
       if (.not. root%has(name)) then
          call raise(error, exit_bad_input, root%file%path//': has no dataset '//dataset%path)
          return

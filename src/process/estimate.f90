@@ -162,6 +162,7 @@ contains
    pure subroutine add_piece(point, row, groups)
       integer, intent(in) :: point(:), row   !! as in piece_group
       type(piece_group), allocatable, intent(inout) :: groups(:)
+      type(piece_group) :: new
       integer :: i
 
       do i = 1, size(groups)
@@ -170,7 +171,9 @@ contains
          groups(i)%row = [groups(i)%row, row]
          return
       end do
-      groups = [groups, piece_group(point, [row])]
+      new%point = point
+      new%row = [row]
+      groups = [groups, new]
    end subroutine add_piece
 
    !> Fails if there are too few values, if all are equal, if their realizations exceed the memory,

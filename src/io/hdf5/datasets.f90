@@ -95,7 +95,8 @@ contains
       call h5pclose_f(properties, status)
       call self%keep_failure(self%path_of(name), ': cannot be made')
       if (allocated(self%error)) return
-      object = hdf5_object(self%file, self%path_of(name))
+      object%file = self%file   ! gfortran leaks a text that a constructor is given by a function
+      object%path = self%path_of(name)
       call object%attribute('units', units)
       call object%attribute('long_name', long_name)
       call object%take_error(self%error)

@@ -88,8 +88,8 @@ contains
       end if
       if (allocated(error)) deallocate (error)
       ranking = sort_order(-solutions(:model%n_consistent)%entropy)
-      ranking = ranking(:min(size(ranking), max_listed))
-      call list_solutions(solutions(ranking), model)
+      solutions = solutions(ranking(:min(size(ranking), max_listed)))
+      call list_solutions(solutions, model)
    end subroutine search_signs
 
    !> Lists the Gaussian solutions of all sequences of signs by descending entropy, each followed by
