@@ -21,7 +21,7 @@ module driver_whatif
    use io_store, only: new_store
    use parallel_world, only: start_world, stop_world, world_type
    use process_model, only: process_model_type
-   use statistics_influences, only: most_extrapolation
+   use statistics_estimates, only: is_near_samples
    implicit none(type, external)
    private
    public :: whatif
@@ -167,29 +167,28 @@ contains
       type(case_estimates), intent(in) :: estimates(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
       type(case_errors), allocatable :: errors(:)   ! (case of the file)
-      logical :: has_all, has_any
+      logical, allocatable :: is_near(:)            ! (statistic)
       integer :: i, p
 
       call read_errors(path, question%n_cases, errors, error)
       if (allocated(error)) return
-      has_all = .true.
-      has_any = .false.
+      allocate (is_near(0))
       do p = 1, size(pools)
          associate (laws => pack(pools(p)%cases, pools(p)%n_fitted == 0))
             do i = 1, size(laws)
-               call say(law_text(question%plan, pools(p), laws(i), errors, &
-                                 estimates(laws(i))%best))
-               associate (is_near => estimates(laws(i))%best%numbers%ratio <= most_extrapolation)
-                  has_all = has_all .and. all(is_near)
-                  has_any = has_any .or. any(is_near)
+               associate (best => estimates(laws(i))%best)
+                  call say(law_text(question%plan, pools(p), laws(i), errors, best))
+                  is_near = [is_near, pack(is_near_samples(best%numbers), .true.)]
+                  if (allocated(best%pseudo_variances)) &
+                     is_near = [is_near, pack(is_near_samples(best%pseudo_variances), .true.)]
                end associate
             end do
          end associate
       end do
-      if (.not. has_any) then
+      if (.not. any(is_near)) then
          call raise(error, exit_no_solution, 'the samples do not reach this law: name it in '// &
                     'the scene, and run')
-      else if (.not. has_all) then
+      else if (.not. all(is_near)) then
          call say('-: too far from the samples; name the law in the scene, and run')
       end if
    end subroutine print_estimates

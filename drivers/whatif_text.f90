@@ -7,8 +7,7 @@ module driver_whatif_text
    use core_text, only: brief, labelled, line_feed, numbered, padded, row_text, to_text, with_error
    use io_earlier_results, only: case_errors
    use process_model, only: lengths_of
-   use statistics_estimates, only: normal_95, statistic_type
-   use statistics_influences, only: most_extrapolation
+   use statistics_estimates, only: is_near_samples, normal_95, statistic_type
    implicit none(type, external)
    private
    public :: law_text
@@ -18,7 +17,7 @@ module driver_whatif_text
 contains
 
    !> Law, force and samples of a case, what the force record adds to errors, and the tables of its
-   !> estimates: a dash if the law is too far from the samples for any.
+   !> estimates.
    pure function law_text(plan, pool, number, errors, best) result(text)
       type(plan_type), intent(in) :: plan
       type(case_pool), intent(in) :: pool
@@ -50,11 +49,7 @@ contains
          text = text//labelled('errors', 'of the friction alone; the time-average error of the '// &
                                'one force record is up to '//brief(100.0_wp*record_error)// &
                                ' points of a mean time in slip')
-      if (any(best%numbers%ratio <= most_extrapolation)) then
-         text = text//tables_text(plan, best)
-      else
-         text = text//'-'
-      end if
+      text = text//tables_text(plan, best)
    end function law_text
 
    !> Text on the force of a case, such as 'variance = 41.1'.
@@ -101,7 +96,7 @@ contains
    end function tables_text
 
    !> Table of statistics: the mean, the percentiles and a last one. Those of a law that is too far
-   !> from the samples are dashes.
+   !> from the samples are dashes, and one dash stands for a table of them.
    pure function table_text(title, place, numbers, last, percentiles, scale, rows) result(text)
       character(*), intent(in) :: title   !! quantity and unit
       character(*), intent(in) :: place   !! heading of the numbers
@@ -113,6 +108,8 @@ contains
       character(:), allocatable :: cells, columns, text
       integer :: i, s
 
+      text = title//'  -'//line_feed
+      if (.not. any(is_near_samples(rows))) return
       columns = padded(place, number_width)//'|'//padded('mean', cell_width)
       do s = 1, size(percentiles)
          columns = columns//'|'//padded(brief(percentiles(s))//' %', cell_width)
@@ -137,7 +134,7 @@ contains
 
       error = statistic%error + (statistic%high - statistic%low)/(2.0_wp*normal_95)
       text = '-'
-      if (statistic%ratio <= most_extrapolation) &
+      if (is_near_samples(statistic)) &
          text = with_error(scale*statistic%value, scale*error)
    end function cell_text
 

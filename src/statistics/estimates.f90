@@ -6,14 +6,16 @@ module statistics_estimates
    use statistics_percentiles, only: at_rank
    implicit none(type, external)
    private
-   public :: downward_error, estimates_type, inverse_density, limit_beyond_samples, &
-             nonnegative_statistic, normal_95, numbers_of_statistic, plain_deviation, plain_mean, &
-             plain_percentile, sort_percentiles, stated_error, statistic_type, student_factor, &
-             upward_error
+   public :: downward_error, estimates_type, inverse_density, is_near_samples, &
+             limit_beyond_samples, nonnegative_statistic, normal_95, numbers_of_statistic, &
+             plain_deviation, plain_mean, plain_percentile, sort_percentiles, stated_error, &
+             statistic_type, student_factor, upward_error
 
    real(wp), parameter :: normal_95 = 1.959964_wp   !! half of a normal 95 % interval, over sigma
    real(wp), parameter :: least_stretch = 0.5_wp    !! lower limit of stretch, where samples tie
    real(wp), parameter :: fewest_degrees = 3.0_wp   !! lower limit of the degrees of freedom
+   !> largest extrapolation of a law without samples that has an estimate, formula (14)
+   real(wp), parameter :: most_extrapolation = 5.0_wp
 
    !> Statistic over the samples of a case, with its standard error or, for a percentile, its 95 %
    !> interval.
@@ -44,6 +46,13 @@ module statistics_estimates
    end type estimates_type
 
 contains
+
+   !> True if a statistic of a law without samples is near enough to them for an estimate.
+   elemental logical function is_near_samples(statistic)
+      type(statistic_type), intent(in) :: statistic
+
+      is_near_samples = statistic%ratio <= most_extrapolation
+   end function is_near_samples
 
    !> Mean over the samples.
    pure type(estimates_type) function plain_mean(y) result(plain)

@@ -7,17 +7,19 @@ module statistics_influences
    use statistics_estimates, only: estimates_type
    use statistics_law, only: choose_points, law_type, n_points
    use statistics_pool, only: pool_type
-   use statistics_surrogate, only: fit_type, find_kernel_rows, predict_variance, &
-                                   surrogate_type, variance_at_samples
+   use statistics_surrogate, only: fit_type, find_kernel_rows, find_rest_between, &
+                                   hidden_variance, predict_variance, surrogate_type, &
+                                   variance_at_samples
    implicit none(type, external)
    private
-   public :: case_law_type, density_tail_ratio, extrapolation_of, find_influences, find_weights, &
-             kappa_of, prepare_law, prepare_thin_points, scale_by_pairs, tail_factors, tail_ratio
+   public :: add_hidden_errors, case_law_type, density_tail_ratio, extrapolation_of, &
+             find_influences, find_weights, kappa_of, prepare_law, prepare_thin_points, &
+             scale_by_pairs, tail_factors, tail_ratio
 
    !> for means of exponentials the variance of G is computed at every 4th point
    integer, parameter, public :: thinning = 4
-   !> largest extrapolation of a law that has an estimate, formula (14)
-   real(wp), parameter, public :: most_extrapolation = 5.0_wp
+   !> pairs of every 16th point stand for those of a law without samples
+   integer, parameter, public :: pair_thinning = 16
    real(wp), parameter :: largest_ratio = 4.0_wp           !! upper limit of E
    real(wp), parameter :: largest_density_ratio = 3.0_wp   !! the same for mean densities
 
@@ -31,6 +33,9 @@ module statistics_influences
       real(wp), allocatable :: share(:)
       real(wp), allocatable :: thin_rows(:, :)       !! (landmark, every 4th point) kernel
       real(wp), allocatable :: thin_variance(:, :)   !! (every 4th point, noise ratio) v/tau^2
+      !> (every 16th point), (every 16th point, every 16th point) of a law without samples: weight,
+      !> their sum is 1; rest(x, x') of formula (14)
+      real(wp), allocatable :: pair_weight(:), rest(:, :)
    end type case_law_type
 
 contains
@@ -79,13 +84,19 @@ contains
       end do
    end subroutine add_shares
 
-   !> Adds the kernel and the variance of G at every 4th point, for means of exponentials.
+   !> Adds the kernel and the variance of G at every 4th point, and what hidden errors need.
    subroutine prepare_thin_points(surrogate, law)
       type(surrogate_type), intent(in) :: surrogate
       type(case_law_type), intent(inout) :: law
 
       law%thin_rows = law%rows(:, ::thinning)
       call predict_variance(surrogate, law%x(::thinning, :), law%thin_rows, law%thin_variance)
+      if (law%has_samples) return
+      associate (weight => law%weight(::pair_thinning))
+         law%pair_weight = weight/sum(weight)
+      end associate
+      call find_rest_between(surrogate, law%x(::pair_thinning, :), law%rows(:, ::pair_thinning), &
+                             law%rest)
    end subroutine prepare_thin_points
 
    !> Mean variance of G over a law relative to that at the samples, for each output of a fit.
@@ -175,6 +186,23 @@ contains
       call multiply(surrogate%feature, shrunk, weight)
       weight = weight + constant/size(weight, 1)
    end subroutine find_weights
+
+   !> Adds to the bias what the residuals do not show of a law without samples, formula (14): the
+   !> variance of the response about G by its kernel, and residuals alike around each sample.
+   subroutine add_hidden_errors(surrogate, fit, law, weight, scale, estimate, share)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      type(case_law_type), intent(in) :: law
+      real(wp), intent(in), contiguous :: weight(:, :)   !! (every 16th point, output) in an average
+      real(wp), intent(in) :: scale(:)                   !! (output) estimate over the average
+      type(estimates_type), intent(inout) :: estimate
+      real(wp), intent(in), optional :: share(:, :)      !! (sample, output) in the same
+      real(wp) :: variance(size(scale))
+
+      variance = hidden_variance(surrogate, fit, weight, law%rest)
+      if (present(share)) variance = variance + sum((share*fit%residual)**2, 1)
+      estimate%bias = sign(hypot(estimate%bias, scale*sqrt(variance)), estimate%bias)
+   end subroutine add_hidden_errors
 
    !> Turns weights of the residuals into influences, and computes kappa.
    subroutine find_influences(surrogate, fit, estimate)

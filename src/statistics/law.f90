@@ -152,11 +152,7 @@ contains
       integer :: m, n, o
 
       n = size(values, 1)
-      do o = 1, size(mean_error)
-         do m = 1, size(difference, 1)
-            difference(m, o) = values(2*m - 1, o) - values(2*m, o)
-         end do
-      end do
+      difference(:, :) = values(:n - 1:2, :) - values(2::2, :)
       call multiply(law%q, values, coefficient, transposes_a=.true.)
       call multiply(law%dq, difference, product, transposes_a=.true.)   ! Q'D'D f
       do o = 1, size(mean_error)

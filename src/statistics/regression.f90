@@ -6,16 +6,17 @@ module statistics_regression
    use numerics_elementary, only: exponentiate
    use numerics_lapack, only: multiply
    use statistics_estimates, only: estimates_type
-   use statistics_influences, only: case_law_type, density_tail_ratio, find_influences, &
-                                    find_weights, kappa_of, scale_by_pairs, tail_factors, &
-                                    tail_ratio, thinning
+   use statistics_influences, only: add_hidden_errors, case_law_type, density_tail_ratio, &
+                                    find_influences, find_weights, kappa_of, pair_thinning, &
+                                    scale_by_pairs, tail_factors, tail_ratio, thinning
    use statistics_percentiles, only: find_quantile
    use statistics_surrogate, only: average_features, fit_type, surrogate_type
    implicit none(type, external)
    private
    public :: law_deviation, law_mean, law_mean_of_exponential, law_percentile
 
-   real(wp), parameter :: half_window = 0.01_wp    !! probability on either side of a percentile
+   !> probability on either side of a percentile: its points, and those of its hidden error
+   real(wp), parameter :: half_window = 0.01_wp, half_pair_window = 0.03_wp
    real(wp), parameter :: near_factor = 0.8_wp     !! near samples on a side, over root of all
    integer, parameter :: most_averaged = 24        !! points near a percentile in a mean of c_i
    real(wp), parameter :: largest_half_variance = 1.0_wp   !! upper limit of v/2
@@ -44,6 +45,10 @@ contains
                               - fit%mean - matmul(own_average, fit%coefficient))
       estimate%value = estimate%value + estimate%bias
       average = spread(average(:, 1) - 0.5_wp*own_average, 2, size(average, 2))
+      if (.not. law%has_samples) &
+         call add_hidden_errors(surrogate, fit, law, spread(law%pair_weight, 2, size(average, 2)), &
+                                spread(1.0_wp, 1, size(average, 2)), estimate, &
+                                spread(law%share, 2, size(average, 2)))
       call find_weights(surrogate, fit, average, 0.5_wp, estimate%influence)
       estimate%influence = estimate%influence + spread(0.5_wp*law%share, 2, size(fit%mean))
       call find_influences(surrogate, fit, estimate)
@@ -55,8 +60,8 @@ contains
    end subroutine law_mean
 
    !> Estimates the standard deviation, the root of the variance of G plus that of the residuals
-   !> over the law's shares of the samples; half of what the residuals add is the bias. Of a law
-   !> without samples it adds, as law_mean does, half the mean of y - G times the derivative by G.
+   !> over the law's shares of the samples, and b of law_mean with the derivative by G. Half of what
+   !> the residuals add, and b, are bias.
    subroutine law_deviation(surrogate, fit, law, values, estimate)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
@@ -76,18 +81,14 @@ contains
          row_covariance(:, o) = matmul(law%rows, law%weight*centred(:, o))
       end do
       call average_features(surrogate, row_covariance, 0.0_wp, covariance)
-      moment = 0.0_wp
-      addition = 0.0_wp
-      if (.not. law%has_samples) then
-         call multiply(surrogate%feature, fit%coefficient, moment)
-         do o = 1, size(values, 2)
-            fitted = fit%mean(o) + moment(:, o)
-            moment(:, o) = 0.5_wp*law%share*(fitted - dot_product(law%weight, values(:, o)))
-            addition(o) = dot_product(moment(:, o), &
-                                      fit%predicted(:, o) + fit%residual(:, o) - fitted)
-            covariance(:, o) = covariance(:, o) - matmul(moment(:, o), surrogate%feature)
-         end do
-      end if
+      call multiply(surrogate%feature, fit%coefficient, moment)
+      do o = 1, size(values, 2)
+         fitted = fit%mean(o) + moment(:, o)
+         moment(:, o) = 0.5_wp*law%share*(fitted - dot_product(law%weight, values(:, o)))
+         addition(o) = dot_product(moment(:, o), &
+                                   fit%predicted(:, o) + fit%residual(:, o) - fitted)
+         covariance(:, o) = covariance(:, o) - matmul(moment(:, o), surrogate%feature)
+      end do
       call find_weights(surrogate, fit, covariance, 0.0_wp, estimate%influence)
       estimate%influence = estimate%influence + moment
       call find_influences(surrogate, fit, estimate)
@@ -111,6 +112,10 @@ contains
          end associate
          estimate%value(o) = estimate%value(o) + addition(o)
       end do
+      if (.not. law%has_samples) &
+         call add_hidden_errors(surrogate, fit, law, centred(::pair_thinning, :) &
+                                *spread(law%pair_weight, 2, size(values, 2)), &
+                                1.0_wp/(estimate%value - addition), estimate, 2.0_wp*moment)
    end subroutine law_deviation
 
    !> Estimates a percentile, half way between that of G and that of G plus the residuals of samples
@@ -128,10 +133,14 @@ contains
       integer :: near(2*nint(near_factor*sqrt(real(law%last - law%first + 1, wp))), &
                       size(values, 2)), o                     ! (number, output) samples
       real(wp) :: residual(size(near, 1)), of_fit, of_sums    ! percentiles
+      real(wp), allocatable :: pair_share(:, :)   ! (every 16th point, output) near the percentile
+      real(wp), allocatable :: pair_values(:)     ! (every 16th point) G
       integer, allocatable :: points(:)
 
       allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)))
       allocate (estimate%tail_factor, mold=tail)
+      if (.not. law%has_samples) &
+         allocate (pair_share(size(law%pair_weight), size(values, 2)), source=0.0_wp)
       do o = 1, size(values, 2)
          call find_quantile(values(:, o), law%weight, p, half_window, of_fit, points)
          average_row(:, o) = mean_column(law%rows, points)
@@ -139,8 +148,15 @@ contains
          call find_quantile(sums, law%weight, p, 0.0_wp, of_sums, points)
          estimate%value(o) = 0.5_wp*(of_fit + of_sums)
          estimate%bias(o) = 0.5_wp*(of_fit - of_sums)   ! inwards, as plain sampling's
+         if (law%has_samples) cycle
+         pair_values = values(::pair_thinning, o)
+         call find_quantile(pair_values, law%pair_weight, p, half_pair_window, of_fit, points)
+         pair_share(points, o) = 1.0_wp/size(points)
       end do
       call average_features(surrogate, average_row, 1.0_wp, average)
+      if (.not. law%has_samples) &
+         call add_hidden_errors(surrogate, fit, law, pair_share, &
+                                spread(1.0_wp, 1, size(values, 2)), estimate)
       call find_weights(surrogate, fit, average, 1.0_wp, estimate%influence)
       call find_influences(surrogate, fit, estimate)
       do o = 1, size(values, 2)
@@ -254,6 +270,12 @@ contains
       feature = surrogate%feature(law%first:law%last, :)
       call multiply(feature, sample_share, sample_average, transposes_a=.true.)
       average = average - 0.5_wp*sample_average
+      associate (share => point_share(::pair_thinning/thinning, :))
+         if (.not. law%has_samples) &
+            call add_hidden_errors(surrogate, fit, law, share/spread(sum(share, 1), 1, &
+                                                                     size(share, 1)), &
+                                   estimate%value, estimate)
+      end associate
       call find_weights(surrogate, fit, average, 0.5_wp, weight)
       estimate%influence = fit%residual*weight
       do o = 1, n

@@ -56,12 +56,12 @@ contains
          if (.not. allocated(pool%draws(case_number)%x)) cycle
          call prepare_law(pool, case_number, surrogate, law, error)
          if (allocated(error)) return
+         if (.not. law%has_samples) call prepare_thin_points(surrogate, law)
          associate (best => estimates(:, :, case_number), last => size(estimates, 2))
             call estimate_moments(best)
             if (allocated(error)) return
             call estimate_percentiles(best)
             if (law%has_samples) cycle
-            call prepare_thin_points(surrogate, law)
             best(:, 1)%ratio = extrapolation_of(law, surrogate, fit)
             best(:, last)%ratio = best(:, 1)%ratio
             best(:, 2:last - 1)%ratio = &

@@ -10,8 +10,9 @@ module statistics_surrogate
    use statistics_kernel, only: kernel_diagonal, kernel_rows, kernel_type
    implicit none(type, external)
    private
-   public :: fit_type, surrogate_type, average_features, find_features, fit_outputs, reallocate, &
-             predict, predict_variance, find_kernel_rows, evenly_spaced, variance_at_samples
+   public :: fit_type, surrogate_type, average_features, evenly_spaced, find_features, &
+             find_kernel_rows, find_rest_between, fit_outputs, hidden_variance, predict, &
+             predict_variance, reallocate, variance_at_samples
 
    integer, parameter, public :: most_landmarks = 160
    !> kappa is computed for 4 outputs of a fit, from the pairs of 64 samples with all
@@ -341,6 +342,46 @@ contains
                                (feature - spread(surrogate%mean_feature, 2, size(rest)))**2), &
                  0.0_wp)
    end function rest_at
+
+   !> Computes rest(x, x') of formula (14) for all pairs of different points, and 0 for the others.
+   subroutine find_rest_between(surrogate, x, rows, rest)
+      type(surrogate_type), intent(in) :: surrogate
+      real(wp), intent(in), contiguous :: x(:, :)         !! (point, input)
+      real(wp), intent(in), contiguous :: rows(:, :)      !! (landmark, point) kernel
+      real(wp), allocatable, intent(out) :: rest(:, :)    !! (point, point)
+      real(wp), allocatable :: explained(:, :)            !! (point, point)
+      real(wp) :: feature(size(surrogate%eigenvalue), size(x, 1)), mean(size(x, 1))
+      integer :: m, n
+
+      n = size(x, 1)
+      allocate (rest(n, n), explained(n, n))
+      call kernel_rows(surrogate%kernel, x, x, rest)
+      call average_features(surrogate, rows, 1.0_wp, feature)
+      feature = (feature - spread(surrogate%mean_feature, 2, n)) &
+                *spread(sqrt(surrogate%eigenvalue), 2, n)
+      call multiply(feature, feature, explained, transposes_a=.true.)
+      mean = sum(rows, 1)/size(rows, 1)
+      do m = 1, n
+         rest(:, m) = rest(:, m) - explained(:, m) - mean - (mean(m) - surrogate%mean_of_kernel)
+         rest(m, m) = 0.0_wp
+      end do
+   end subroutine find_rest_between
+
+   !> Variances of averages of the response about those of G over pairs of points, by the kernel, as
+   !> far as the residuals do not show them: formula (14).
+   function hidden_variance(surrogate, fit, weight, rest) result(variance)
+      type(surrogate_type), intent(in) :: surrogate
+      type(fit_type), intent(in) :: fit
+      real(wp), intent(in), contiguous :: weight(:, :)   !! (point, output)
+      real(wp), intent(in), contiguous :: rest(:, :)     !! (point, point) without its diagonal
+      real(wp) :: variance(size(fit%mean))
+      real(wp) :: product(size(weight, 1), size(weight, 2))
+
+      call multiply(rest, weight, product)
+      variance = sum(fit%residual**2*fit%one_minus_h, 1)/size(fit%residual, 1) &
+                 *max(sum(weight*product, 1), 0.0_wp) &
+                 /max(noise_ratios(fit%noise_ratio), surrogate%mean_rest)
+   end function hidden_variance
 
    !> Computes G at points.
    subroutine predict(fit, rows, values)
