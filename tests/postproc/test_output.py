@@ -161,8 +161,9 @@ def empty_axis(case, axis):
 
 
 def test_ctrl_c_ends_it_without_a_traceback():
-    code = (
+    code = (  # where tests run in the background, SIGINT is ignored
         "import signal\nfrom entroslip.output import exit_code\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "exit_code(lambda: signal.raise_signal(signal.SIGINT))\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
