@@ -183,7 +183,7 @@ contains
             to_text(fewest_measured)//' steps or more of the '//to_text(s%n_steps))
          if (complaints%n > 0) return
          if (s%method == 'newmark') then
-            call check_newmark(plan%structure, s%dt, s%beta, s%gamma, error)
+            call check_newmark(plan%structure, s%dt, s%max_halvings, s%beta, s%gamma, error)
          else
             call check_exact(plan%structure, s%dt, s%tolerance, error)
          end if

@@ -48,7 +48,7 @@ contains
          call find('load', this%load, .false., paths%load)
          if (reader%complaints%n > n_before) return
          if (paths%mass == '' .or. paths%stiffness == '' .or. paths%joints == '' .or. &
-             size(this%damping_ratio) == 0 .or. any(this%damping_ratio < 0.0_wp)) return   ! refused
+             size(this%damping_ratio) == 0) return   ! refused
          call read_structure(paths, this%rayleigh, this%damping_ratio, scene%excitation%dof, &
                              scene%structure, reader%complaints)
          if (reader%complaints%n > n_before) return

@@ -28,6 +28,12 @@ contains
       integer :: i, n
 
       n = size(mass)
+      if (any([size(coupling_stiffness), size(contact_stiffness), size(normal_load), &
+               size(damping_ratio)] /= n)) then
+         call raise(error, exit_bad_input, 'chain: every property needs one value per dof ('// &
+                    to_text(n)//')')
+         return
+      end if
       if (too_large(n, n) /= '') then
          call raise(error, exit_bad_input, 'chain%n_dof = '//to_text(n)//': '//too_large(n, n))
          return

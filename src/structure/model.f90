@@ -136,6 +136,8 @@ contains
          structure%damping = damping%matrix
          structure%fastest_decay = maxval(decay)
       else if (any(abs(damping%rayleigh) > 0.0_wp)) then
+         if (any(damping%rayleigh < 0.0_wp)) &
+            call raise(error, exit_bad_input, name//': rayleigh must be zero or positive')
          structure%damping = damping%rayleigh(1)*structure%mass + &
                              damping%rayleigh(2)*structure%stiffness
          structure%fastest_decay = damping%rayleigh(1) + damping%rayleigh(2) &
@@ -144,6 +146,8 @@ contains
          call raise(error, exit_bad_input, name//': holds '//to_text(size(damping%ratio))// &
                     ' values: must be one, or one for each of the '//to_text(structure%n_dof)// &
                     ' modes')
+      else if (any(damping%ratio < 0.0_wp)) then
+         call raise(error, exit_bad_input, name//': must be zero or positive')
       else
          structure%damping_ratio = damping%ratio
          if (size(damping%ratio) == 1) &

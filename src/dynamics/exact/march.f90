@@ -42,23 +42,30 @@ contains
          call try_modes(transitions, marcher, error)
    end subroutine new_exact_march
 
-   !> Refuses a time step that can be marched in too many parts only.
+   !> Refuses a time step or a tolerance that cannot be marched, or only in too many parts.
    pure subroutine check_exact(structure, dt, tolerance, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt, tolerance
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: longest   ! longest step [s]
 
-      if (structure%has_lumped_mass()) then
-         longest = most_parts*longest_part/fastest_rate(structure)
+      if (.not. dt > 0.0_wp) then
+         call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be positive')
+      else if (.not. (tolerance > 0.0_wp .and. tolerance < 1.0_wp)) then
+         call raise(error, exit_bad_input, 'integration%tolerance = '//to_text(tolerance)// &
+                    ': must be between 0 and 1')
       else
-         longest = longest_in_parts(structure, most_parts, dt, tolerance)
+         if (structure%has_lumped_mass()) then
+            longest = most_parts*longest_part/fastest_rate(structure)
+         else
+            longest = longest_in_parts(structure, most_parts, dt, tolerance)
+         end if
+         if (dt > longest) call raise(error, exit_bad_input, &
+                                      'integration%dt = '//to_text(dt)//': must be at most '// &
+                                      rounded_text(longest, 6, down=.true.)//' for a mode of '// &
+                                      brief(maxval(structure%frequencies_stuck))//' Hz: a '// &
+                                      'mass may be too light, a joint, spring or damper too stiff')
       end if
-      if (dt > longest) &
-         call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be at '// &
-                    'most '//rounded_text(longest, 6, down=.true.)//' for a mode of '// &
-                    brief(maxval(structure%frequencies_stuck))//' Hz: a mass may be too light, '// &
-                    'a joint, spring or damper too stiff')
    end subroutine check_exact
 
    !> Chooses power series, in the number of parts that takes the least work: in shorter parts more

@@ -38,7 +38,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(newmark_frame) :: frame
 
-      call check_newmark(structure, dt, beta, gamma, error)
+      call check_newmark(structure, dt, max_halvings, beta, gamma, error)
       if (allocated(error)) return
       marcher%structure = structure
       marcher%dt = dt
@@ -60,17 +60,30 @@ contains
          1.0_wp/(sqrt(gamma/2 - beta)*two_pi*maxval(structure%frequencies_stuck))
    end function longest_step
 
-   !> Refuses a step in which the scheme would diverge.
-   pure subroutine check_newmark(structure, dt, beta, gamma, error)
+   !> Refuses parameters that the scheme cannot march with.
+   pure subroutine check_newmark(structure, dt, max_halvings, beta, gamma, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt, beta, gamma
+      integer, intent(in) :: max_halvings
       type(error_type), allocatable, intent(out) :: error
 
-      if (dt > longest_step(structure, beta, gamma)) &
+      if (.not. dt > 0.0_wp) then
+         call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be positive')
+      else if (max_halvings < 0 .or. max_halvings > most_halvings) then
+         call raise(error, exit_bad_input, 'integration%max_halvings = '//to_text(max_halvings)// &
+                    ': must be 0 to '//to_text(most_halvings))
+      else if (.not. gamma >= 0.5_wp) then
+         call raise(error, exit_bad_input, 'integration%gamma = '//to_text(gamma)// &
+                    ': must be 0.5 or more, the scheme is unstable below')
+      else if (.not. beta >= 0.0_wp) then
+         call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)// &
+                    ': must not be negative')
+      else if (dt > longest_step(structure, beta, gamma)) then
          call raise(error, exit_bad_input, 'integration%beta = '//to_text(beta)// &
                     ': must be at least gamma/2, or dt at most '// &
                     rounded_text(longest_step(structure, beta, gamma), 6, down=.true.)// &
                     ' s: the scheme would diverge')
+      end if
    end subroutine check_newmark
 
    !> See marcher_type.
