@@ -76,8 +76,7 @@ contains
          call find_estimates(world, plan, models, question%stored, question%layout%frequency, &
                              statistics, estimates, error, pools)
          call world%stop_on(error)
-         if (world%is_root()) call print_estimates(question, line%scene, &
-                                                    pools, estimates, error)
+         if (world%is_root()) call print_estimates(question, line%scene, pools, estimates, error)
       end associate
       call world%stop_on(error)
       call stop_world(exit_done)

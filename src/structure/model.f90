@@ -254,8 +254,7 @@ contains
             call multiply(low, pushed, mass, transposes_a=.true.)
             call multiply(structure%stiffness, low, pushed)
             call multiply(low, pushed, energy, transposes_a=.true.)
-            extension = matmul(transpose(structure%direction), low) &
-                        *spread(sqrt(structure%joint_stiffness), 2, m)
+            extension = extensions(structure, low)
             energy = energy + matmul(transpose(extension), extension)
             call solve_symmetric_eigenproblem(energy, mass, refined, error, vectors)
             if (allocated(error)) return
@@ -306,9 +305,8 @@ contains
          if (allocated(error)) return
          low = matmul(low, vectors)
          where (abs(of_k) <= rounding*sum(abs(low)*matmul(abs(k), abs(low)), 1)) of_k = 0.0_wp
-         extension = matmul(transpose(structure%direction), low)
-         extension = extension*spread(sqrt(merge(structure%joint_stiffness, 0.0_wp, are_stuck)), &
-                                      2, size(of_k))
+         extension = extensions(structure, low)
+         if (.not. are_stuck) extension = 0.0_wp
          vectors = matmul(transpose(extension), extension)
          do i = 1, size(of_k)
             vectors(i, i) = vectors(i, i) + of_k(i)
@@ -342,6 +340,17 @@ contains
          end do
       end associate
    end subroutine find_low_modes
+
+   !> Extensions of the joints in modes, times the roots of their stiffness: the squares add up to
+   !> the energy of the joints.
+   pure function extensions(structure, modes) result(extension)
+      type(structure_type), intent(in) :: structure
+      real(wp), intent(in) :: modes(:, :)         !! (dof, mode)
+      real(wp), allocatable :: extension(:, :)    !! (joint, mode)
+
+      extension = matmul(transpose(structure%direction), modes) &
+                  *spread(sqrt(structure%joint_stiffness), 2, size(modes, 2))
+   end function extensions
 
    !> Modal damping C = M Phi diag(2 zeta omega) Phi' M (dof, dof) [N s/m].
    function modal_damping(mass, modes, ratio, frequencies) result(damping)

@@ -30,7 +30,7 @@ module tradeoff_forecast
 
    real(wp), parameter :: budget = 0.4_wp             !! expected processor time of the marches [s]
    integer, parameter :: fewest_steps = 1200          !! unless they take most_seconds
-   real(wp), parameter :: least_steps = 64.0_wp
+   real(wp), parameter :: least_steps = 64.0_wp       !! however long they take
 
    !> Measured processor time, a mean over all samples. Includes spectra and other kept results.
    type :: cost_type
