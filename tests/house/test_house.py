@@ -92,6 +92,21 @@ def test_the_api_pages_build_offline(tmp_path):
     assert {"_".join(place.parts) for place in places} <= pages
 
 
+def test_all_files_state_one_version():
+    """What `--version` and results say is the section of the changelog that describes it."""
+    stated = {
+        name: re.search(pattern, (ROOT / name).read_text(), re.MULTILINE)[1]
+        for name, pattern in {
+            "CMakeLists.txt": r"^  VERSION ([\d.]+)",
+            "CHANGELOG.md": r"^## ([\d.]+)",
+            "CITATION.cff": r"^version: ([\d.]+)",
+            "packaging/debian/changelog": r"^entroslip \(([\d.]+)-",
+            "pyproject.toml": r'^version = "([\d.]+)"',
+        }.items()
+    }
+    assert len(set(stated.values())) == 1, stated
+
+
 def test_no_vector_form_of_a_mathematical_function_is_linked(program):
     """Their last bits depend on the place of an array in memory."""
     if shutil.which("nm") is None:
