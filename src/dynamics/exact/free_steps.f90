@@ -6,7 +6,7 @@ module dynamics_exact_free_steps
    use core_kinds, only: long, wp
    use dynamics_exact_joint_paths, only: joint_paths, n_spare, regime_reach, regime_side, &
                                          regime_slider, width
-   use dynamics_exact_powers, only: next_power
+   use dynamics_exact_powers, only: find_powers
    use dynamics_exact_series, only: most_degree, series_type
    implicit none(type, external)
    private
@@ -28,10 +28,11 @@ contains
       integer :: k, turn
 
       turn = merge(0, 1, paths%layer(0) == 0)
-      associate (x => paths%x)
-         do k = 0, series%degree - 2
-            call next_power(series%operators(k), turn, paths%stiffness, paths%pull, paths%places)
-            if (series%n_links == 0) cycle
+      associate (x => paths%x, last => series%degree - 2, powers => series%powers)
+         if (series%n_links == 0) call find_powers(powers, 0, last, turn, paths%stiffness, &
+                                                   paths%pull, paths%places)
+         do k = 0, merge(last, -1, series%n_links > 0)
+            call find_powers(powers, k, k, turn, paths%stiffness, paths%pull, paths%places)
             call add_link_forces(paths%n_padded, series, k, x(1, 1, paths%layer(k)), &
                                  paths%stiffness, paths%pull, x(1, 1, k + 2))
             call find_link_paths(paths%n_padded, series, x(1, 1, k + 2))

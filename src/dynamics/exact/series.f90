@@ -7,7 +7,7 @@
 !> docs/exact_march.md.
 module dynamics_exact_series
    use core_kinds, only: two_pi, wp
-   use dynamics_exact_powers, only: new_power_operator, power_operator
+   use dynamics_exact_powers, only: add_power, power_operator
    use numerics_sparse, only: sparse_matrix, sparse_of
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -26,7 +26,7 @@ module dynamics_exact_series
       integer :: degree = 0
       real(wp) :: h = 0.0_wp                            !! [s]
       real(wp) :: rate = 0.0_wp                         !! fastest rate times h
-      type(power_operator), allocatable :: operators(:)   !! (0:degree - 2) of power k + 2
+      type(power_operator) :: powers                    !! 2 .. P
       real(wp), allocatable :: diagonal(:)              !! (row) K^_ii; 0 for a link
       type(sparse_matrix) :: links                      !! w (link, dof)
       real(wp), allocatable :: mobility(:)              !! (entry of links) w_i/m_i [1/kg]
@@ -47,8 +47,8 @@ contains
 
       work = 3.5_wp*self%degree*self%n_rows + (self%degree - 1.0_wp)* &   ! guards; diagonal, links
              (2*self%n_dof + 2*size(self%links%value))
-      do k = 0, self%degree - 2
-         work = work + count(abs(self%operators(k)%value) > 0.0_wp)
+      do k = 1, size(self%powers%factors)
+         work = work + count(abs(self%powers%factors(k)%value) > 0.0_wp)
       end do
    end function work
 
@@ -77,7 +77,6 @@ contains
       series%rate = series%h*fastest_rate(structure)
       error = tolerance/(parts*memory*max(structure%n_dof, 5))
       series%degree = degree_for(series%rate, min(error, 0.25_wp*tolerance*series%rate**3))
-      allocate (series%operators(0:series%degree - 2))
       allocate (share, source=abs(damping))   ! an assignment would read undefined bounds
       call weigh_by_motion(structure, dt, share)
       motion = 1.0_wp
@@ -87,9 +86,8 @@ contains
          if (k == 2) load = load/3.0_wp
          if (k > 2) load = load*series%rate/(k + 1)
          associate (least => min(2.5_wp*error/motion, 0.5_wp*tolerance/load))
-            series%operators(k) = new_power_operator( &
-                                  k, series%degree, series%n_rows, stiffness, &
-                                  merge(damping, 0.0_wp, share > least), series%load)
+            call add_power(series%powers, k, series%degree, series%n_rows, stiffness, &
+                           merge(damping, 0.0_wp, share > least), series%load)
          end associate
       end do
    end subroutine new_series
