@@ -288,7 +288,6 @@ contains
       integer :: column, f, l, n_forces
 
       associate (n => base%paths%n_samples, push => base%paths%force)
-         push(n + 1:, :, :) = 0.0_wp
          n_forces = size(push, 2)
          is_shared = size(force, 2) == n_forces
          do f = 1, n_forces
@@ -300,9 +299,10 @@ contains
                push(l, f, 1) = part*rise
             end do
             if (.not. is_shared) cycle
-            push(2:n, f, 0) = push(1, f, 0)
-            push(2:n, f, 1) = push(1, f, 1)
+            push(:, f, 0) = push(1, f, 0)
+            push(:, f, 1) = push(1, f, 1)
          end do
+         push(n + 1:, :, :) = 0.0_wp
       end associate
    end subroutine set_force
 

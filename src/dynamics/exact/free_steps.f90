@@ -145,7 +145,7 @@ contains
             velocity(l) = min(regime(l, j, regime_side)*start(l, i, 1), &
                               regime(l, j, regime_side)*velocity(l)) &
                           - margin*regime(l, j, regime_reach)
-            guard(l) = merge(velocity(l), guard(l), abs(regime(l, j, regime_side)) > 0.0_wp) &
+            guard(l) = merge(guard(l), velocity(l), regime(l, j, regime_side) == 0.0_wp) &
                        - turn(l)
             ! the bit of the lane, if its guard is negative
             word = ior(word, iand(bit(l), shifta(transfer(guard(l), 0_long), 63)))

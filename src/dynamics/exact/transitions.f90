@@ -108,7 +108,7 @@ contains
       type(joint_paths), intent(in) :: paths
       type(transition_group), intent(inout) :: group
 
-      call load_regimes(paths, group)
+      call load_regime(paths, 1, group)
       group%path(:, 3:paths%degree) = group%path(:, 3:paths%degree) &
                                       + group%response(:, 3:paths%degree)
       if (abs(group%side(1)) > 0.0_wp) return
@@ -138,30 +138,26 @@ contains
                group%path(e, k) = x(l, row, k)
             end do
          end associate
+         call load_regime(paths, e, group)
       end do
-      call load_regimes(paths, group)
       group%time = 0.0_wp
    end subroutine load_candidates
 
-   !> Copies the regimes of the candidates' joints, and stiffness and N_1 .. N_4 of their rows, as
-   !> load_candidates does.
-   pure subroutine load_regimes(paths, group)
+   !> Copies the regime of a candidate's joint, and stiffness and N_1 .. N_4 of its row.
+   pure subroutine load_regime(paths, e, group)
       type(joint_paths), intent(in) :: paths
+      integer, intent(in) :: e
       type(transition_group), intent(inout) :: group
-      integer :: e
 
-      !GCC$ novector
-      do e = 1, group%n
-         associate (l => group%lane(e), j => group%joint(e), row => group%row(e))
-            group%slider(e) = paths%regime(l, j, regime_slider)
-            group%reach(e) = paths%regime(l, j, regime_reach)
-            group%side(e) = paths%regime(l, j, regime_side)
-            group%spring(e) = paths%regime(l, j, regime_spring)
-            group%own(e, :) = paths%responses%own(:, row)
-            group%stiffness(e) = paths%stiffness(l, row)
-         end associate
-      end do
-   end subroutine load_regimes
+      associate (l => group%lane(e), j => group%joint(e), row => group%row(e))
+         group%slider(e) = paths%regime(l, j, regime_slider)
+         group%reach(e) = paths%regime(l, j, regime_reach)
+         group%side(e) = paths%regime(l, j, regime_side)
+         group%spring(e) = paths%regime(l, j, regime_spring)
+         group%own(e, :) = paths%responses%own(:, row)
+         group%stiffness(e) = paths%stiffness(l, row)
+      end associate
+   end subroutine load_regime
 
    !> Finds the zero of the guard, by two steps of Halley's method from the zero of its parabola.
    pure subroutine find_zero(degree, group)
@@ -264,16 +260,15 @@ contains
    pure subroutine respond(degree, group)
       integer, value :: degree
       type(transition_group), intent(inout) :: group
-      real(wp), dimension(group_size) :: first, jump, power, r
+      real(wp), dimension(group_size) :: first, jump, place, power, r, velocity
       integer :: k, s
 
       associate (c => group%path, d => group%response)
          r = 1.0_wp - group%time
-         power = r**2
+         first = r**2
          jump = merge(-group%spring, group%spring, abs(group%side) > 0.0_wp)
          group%own(:, 2) = group%own(:, 2) - (group%stiffness - jump)
          d(:, 3) = jump*c(:, 1)*(1.0_wp/6.0_wp)
-         group%ends = 0.0_wp
          !GCC$ unroll 8
          do k = 4, degree
             d(:, k) = jump*c(:, k - 2)*(1.0_wp/(k*(k - 1)))
@@ -281,22 +276,31 @@ contains
                d(:, k) = d(:, k) + group%own(:, s)*d(:, k - s)*integral(k - s, s)
             end do
          end do
+         power = first
+         place = 0.0_wp
+         velocity = 0.0_wp
          !GCC$ unroll 8
          do k = 3, degree
-            group%ends(:, 2) = group%ends(:, 2) + k*(d(:, k)*power)
+            velocity = velocity + k*(d(:, k)*power)
             power = power*r
-            group%ends(:, 1) = group%ends(:, 1) + d(:, k)*power
+            place = place + d(:, k)*power
          end do
-         first = r**2
-         do s = 1, min(n_response_sums, degree - 4)
+         group%ends(:, 1) = place
+         group%ends(:, 2) = velocity
+         !GCC$ unroll 4
+         do s = 1, n_response_sums
             first = first*r
             power = first
+            place = 0.0_wp
+            velocity = 0.0_wp
             !GCC$ unroll 8
-            do k = 3, degree - s
-               group%ends(:, 2*s + 2) = group%ends(:, 2*s + 2) + d(:, k)*power*integral(k, s - 1)
+            do k = 3, merge(degree - s, 0, s <= degree - 4)
+               velocity = velocity + d(:, k)*power*integral(k, s - 1)
                power = power*r
-               group%ends(:, 2*s + 1) = group%ends(:, 2*s + 1) + d(:, k)*power*integral(k, s)
+               place = place + d(:, k)*power*integral(k, s)
             end do
+            group%ends(:, 2*s + 1) = place
+            group%ends(:, 2*s + 2) = velocity
          end do
       end associate
    end subroutine respond
