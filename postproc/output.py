@@ -43,6 +43,8 @@ def exit_code(work: Callable[[], None]) -> int:
 
     Ctrl-C ends the program as it ends one in any other language: by the signal, without a word.
     """
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # as during the imports of a command
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         try:
             work()

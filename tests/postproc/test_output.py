@@ -170,6 +170,16 @@ def test_ctrl_c_ends_it_without_a_traceback():
     assert (done.returncode, done.stderr) == (-signal.SIGINT, b"")
 
 
+def test_ctrl_c_during_the_imports_ends_it_without_a_traceback(tmp_path):
+    (tmp_path / "h5py.py").write_text("import signal\nsignal.raise_signal(signal.SIGINT)\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "entroslip", "x.h5", "--out", "x"], capture_output=True, check=False,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, b"")
+
+
 def test_a_reader_that_ends_early_is_no_error_to_speak_of():
     """`... | head` printed `standard output: cannot be written: Broken pipe`."""
     reader, writer = os.pipe()
