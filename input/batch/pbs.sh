@@ -3,6 +3,8 @@
 #
 #   qsub -v SCENE=input/paper.nml,OUTPUT=results/paper.h5 input/batch/pbs.sh
 #
+# Options of run go into OPTIONS: qsub -v "SCENE=...,OUTPUT=...,OPTIONS=--set campaign%n_samples=1000".
+# They have no commas, at which qsub -v divides: a list of values belongs into the scene.
 # PBS gives no warning ahead of the wall time, so the program keeps a limit of its own, ten minutes
 # below it: it stops with everything finished safe (code 75), and the job submits itself again.
 # For another wall time: -l walltime=... below, and with it MINUTES=... beside SCENE.
@@ -29,11 +31,11 @@ if [ -n "$PBS_ARRAY_INDEX" ]; then share=--share; fi
 
 # shellcheck disable=SC2086   # words of options
 mpirun $MPIRUN_OPTIONS -n "$(wc -l <"$PBS_NODEFILE")" -machinefile "$PBS_NODEFILE" "$program" run \
-  "$SCENE" --output "$OUTPUT" --set "campaign%walltime=$minutes" $share
+  "$SCENE" --output "$OUTPUT" --set "campaign%walltime=$minutes" $share $OPTIONS
 code=$?
 
 if [ "$code" -eq 75 ]; then
   settings="SCENE=$SCENE,OUTPUT=$OUTPUT,MINUTES=$minutes"
-  qsub -v "$settings,ENTROSLIP=$program,SCRIPT=$script,SHARE=$share" "$script"
+  qsub -v "$settings,ENTROSLIP=$program,SCRIPT=$script,SHARE=$share,OPTIONS=$OPTIONS" "$script"
 fi
 exit "$code"

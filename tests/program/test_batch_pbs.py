@@ -1,4 +1,4 @@
-"""The PBS script of input/batch: its time limit, the signals of PBS, and an array job."""
+"""The PBS script of input/batch: its time limit, options, the signals of PBS, and an array job."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import time
 import pytest
 
 from entroslip.bits import scene_bits
+from entroslip.results import open_results
 from tests.conftest import ENVIRONMENT, ROOT
 from tests.program.campaign import SCENE, STOPPED, TOKEN, processes_of, shards_of
 from tests.program.pbs import Pbs
 
 SCRIPT = ROOT / "input/batch/pbs.sh"
+OPTION = "campaign%deterministic=.true."  # as in the scene
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +47,8 @@ def without_limit(found: dict[str, bytes]) -> dict[str, bytes]:
 def order(program, minutes: float) -> list[str]:
     """Arguments of qsub."""
     settings = f"SCENE=scene.nml,OUTPUT=r.h5,MINUTES={minutes}"
-    return ["-v", f"{settings},ENTROSLIP={program},SCRIPT={SCRIPT}", str(SCRIPT)]
+    settings += f",ENTROSLIP={program},SCRIPT={SCRIPT},OPTIONS=--set {OPTION}"
+    return ["-v", settings, str(SCRIPT)]
 
 
 def wait_for(is_so, what: str) -> None:
@@ -69,6 +72,7 @@ def test_a_job_submits_itself_until_the_campaign_is_done(pbs, program, output, r
     assert codes[0] == STOPPED, "the limit was not met"
     assert codes[-1] == 0, log
     assert without_limit(scene_bits(output)) == reference
+    assert OPTION in open_results(output).scene[1], "an option was lost"
 
 
 def test_a_job_ended_by_force_loses_nothing_and_does_not_come_back(
