@@ -2,10 +2,11 @@
 find_package(Git QUIET)
 set(ENTROSLIP_GIT_COMMIT "unknown")
 if(Git_FOUND AND EXISTS ${PROJECT_SOURCE_DIR}/.git)
-  execute_process(COMMAND ${GIT_EXECUTABLE} describe --always --dirty --abbrev=12 --exclude=*
+  set(git ${GIT_EXECUTABLE} -c safe.directory=*)   # also where another user owns the source
+  execute_process(COMMAND ${git} describe --always --dirty --abbrev=12 --exclude=*
     WORKING_DIRECTORY ${PROJECT_SOURCE_DIR} OUTPUT_VARIABLE commit RESULT_VARIABLE status
     OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
-  execute_process(COMMAND ${GIT_EXECUTABLE} rev-parse --path-format=absolute --git-path logs/HEAD
+  execute_process(COMMAND ${git} rev-parse --path-format=absolute --git-path logs/HEAD
     WORKING_DIRECTORY ${PROJECT_SOURCE_DIR} OUTPUT_VARIABLE log
     OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET)
   if(status EQUAL 0)

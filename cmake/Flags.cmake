@@ -1,4 +1,10 @@
 # Compiler flags as a target. Never -ffast-math: stick-slip transitions are signs.
+include(CheckFortranCompilerFlag)
+string(MAKE_C_IDENTIFIER "CAN_MARCH_${ENTROSLIP_ARCH}" can_march)   # a result for each value
+check_fortran_compiler_flag(-march=${ENTROSLIP_ARCH} ${can_march})
+if(NOT ${can_march})
+  message(FATAL_ERROR "ENTROSLIP_ARCH = ${ENTROSLIP_ARCH}: must be a value of -march= of the compiler")
+endif()
 add_library(entroslip_flags INTERFACE)
 set(strict -fimplicit-none -std=f2018 -fopenmp-simd)   # directives only, no threads
 # gfortran includes a header of its own that gives exp, log, tanh and others vector forms. Their last bits differ from
@@ -25,7 +31,6 @@ set(masked_loads -ftree-loop-if-convert)
 # Loops over lanes: at -O3 they are unrolled before they could be vector operations, and sums are spilled. Peeled
 # afterwards, loops over a few vectors leave sums in registers. Copies made by halves of a vector are read back slowly.
 # Tuned for Zen, gcc reads what eight multiplications share from memory eight times: a product takes twice as long.
-include(CheckFortranCompilerFlag)
 check_fortran_compiler_flag(-mtune=icelake-server CAN_TUNE)
 set(lane_loops -O2 -ftree-vectorize ${masked_loads} -fpeel-loops -fno-tree-loop-distribute-patterns
   "$<$<BOOL:${CAN_TUNE}>:-mtune=icelake-server>")

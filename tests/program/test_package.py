@@ -195,3 +195,27 @@ def test_the_debian_package_builds(tmp_path):
     listed = run("dpkg-deb", "--contents", package)
     for path in ("/usr/bin/entroslip", "/usr/share/man/man1/entroslip.1", "/usr/share/entroslip/"):
         assert path in listed, path
+
+
+def test_an_instruction_set_that_the_compiler_lacks_is_named(tmp_path):
+    command = ["cmake", "-S", ROOT, "-B", tmp_path, "-G", "Ninja", "-DENTROSLIP_ARCH=none"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "ENTROSLIP_ARCH = none: must be a value of -march=" in done.stderr
+
+
+@pytest.mark.skipif(not (ROOT / ".git").exists(), reason="no clone of the repository")
+def test_the_commit_is_known_where_another_user_owns_the_source(tmp_path):
+    """Git refuses such a folder, so results named no commit."""
+    script = tmp_path / "commit.cmake"
+    script.write_text(
+        "macro(set_property)\nendmacro()\n"  # a script has no folders that it configures
+        f'include("{ROOT}/cmake/BuildInfo.cmake")\nmessage("commit ${{ENTROSLIP_GIT_COMMIT}}")\n'
+    )
+    done = subprocess.run(
+        ["cmake", f"-DPROJECT_SOURCE_DIR={ROOT}", "-DENTROSLIP_ARCH=x86-64", "-P", script],
+        capture_output=True, text=True, check=True,
+        env=os.environ | {"GIT_TEST_ASSUME_DIFFERENT_OWNER": "1"},
+    )  # fmt: skip
+    assert "commit unknown" not in done.stderr
+    assert "commit " in done.stderr
