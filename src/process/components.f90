@@ -272,12 +272,14 @@ contains
                                       'larger one', is_optional=.true.), model%nonnegative_entropy)
       end if
       call visitor%visit(component('other_std', 'unit of x', 'standard deviation'//same, &
-                                   is_optional=.true.), model%other_std)
-      if (.not. model%other_std > 0.0_wp) return
-      call visitor%visit(component('other_mean', 'unit of x', 'mean'//same), model%other_mean)
-      call visitor%visit(component('other_L0', 'lag', 'correlation length'//same), model%other_l0)
+                                   is_optional=.true.), model%other%std, model%other%std_error)
+      if (.not. model%other%std > 0.0_wp) return
+      call visitor%visit(component('other_mean', 'unit of x', 'mean'//same), model%other%mean, &
+                         model%other%mean_error)
+      call visitor%visit(component('other_L0', 'lag', 'correlation length'//same), model%other%l0, &
+                         model%other%l0_error)
       call visitor%visit(component('other_entropy', 'nat', 'entropy per point'//same), &
-                         model%other_entropy)
+                         model%other%entropy, model%other%entropy_error)
    end subroutine visit_positive
 
    subroutine visit_entropies(visitor, model)

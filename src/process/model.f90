@@ -85,7 +85,7 @@ module process_model
       real(wp) :: nonnegative_entropy = 0.0_wp
       integer :: memory = 0                      !! positive: steps that forget a start, to 1e-9
       !> positive: statistics of the other law with the same a_q, b0 and mu
-      real(wp) :: other_mean = 0.0_wp, other_std = 0.0_wp, other_l0 = 0.0_wp, other_entropy = 0.0_wp
+      type(process_moments) :: other
       integer, allocatable :: signs(:)           !! direct: s_m
       real(wp) :: delta = 0.0_wp, lambda_3 = 0.0_wp   !! direct: multipliers of Sec. 2.2
       !> direct: the best consistent solutions of the sign search, at most 100
@@ -115,13 +115,8 @@ contains
       real(wp), intent(in) :: std                 !! [unit of X]
       type(process_model_type), intent(inout) :: model
 
-      model%process_moments = law
       model%b0 = std/law%std
-      model%mean = model%b0*law%mean
-      model%mean_error = model%b0*law%mean_error
-      model%std = std
-      model%std_error = model%b0*law%std_error
-      model%entropy = law%entropy + log(std)
+      model%process_moments = moments_in_unit(law, model%b0, std)
       model%entropy_bound = gaussian_entropy(std)
    end subroutine take_law
 
@@ -130,10 +125,7 @@ contains
       class(process_moments), intent(in) :: law   !! see `take_law`
       type(process_model_type), intent(inout) :: model
 
-      model%other_mean = model%b0*law%mean
-      model%other_std = model%b0*law%std
-      model%other_l0 = law%l0
-      model%other_entropy = law%entropy + log(model%other_std)
+      model%other = moments_in_unit(law, model%b0, model%b0*law%std)
       if (model%request%sampler == 'exact') then
          model%acceptance_ratio = law%acceptance_ratio
          model%acceptance_mean = law%acceptance_mean
@@ -143,6 +135,20 @@ contains
          model%lambda_error = law%lambda_error
       end if
    end subroutine take_other_law
+
+   !> Moments of a law in the unit of X.
+   pure function moments_in_unit(law, b0, std) result(moments)
+      class(process_moments), intent(in) :: law   !! see `take_law`
+      real(wp), intent(in) :: b0, std             !! [unit of X]
+      type(process_moments) :: moments
+
+      moments = law
+      moments%mean = b0*law%mean
+      moments%mean_error = b0*law%mean_error
+      moments%std = std
+      moments%std_error = b0*law%std_error
+      moments%entropy = law%entropy + log(std)
+   end function moments_in_unit
 
    !> Note on a process whose K(m) alternates or whose branch is not known yet; empty for others.
    pure function branch_note(model) result(note)

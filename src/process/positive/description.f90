@@ -29,10 +29,7 @@ contains
       associate (k => model%autocovariance(1:), variance => model%autocovariance(0))
          model%branch = branch_of(merge(-1.0_wp, 1.0_wp, k < -zero_correlation*variance))
       end associate
-      model%other_mean = model%mean
-      model%other_std = model%std
-      model%other_l0 = model%l0
-      model%other_entropy = model%entropy
+      model%other = model%process_moments
    end subroutine describe_far_from_zero
 
    !> Describes the last evaluation in the unit of X: parameters, moments, entropy.
