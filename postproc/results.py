@@ -76,11 +76,17 @@ class Case:
     @property
     def level(self) -> str:
         """Level of the force in words."""
-        if self.is_sine:
-            return f"{self.strength:g} {'m/s²' if self.is_base else 'N'}"
         if "factor" in self.data.attrs:
             return f"force factor {self.strength:g}"
-        return f"variance {self.strength:g}"
+        level = f"{self.strength:g} {self.force_unit}"
+        return level if self.is_sine else f"variance {level}"
+
+    @property
+    def force_unit(self) -> str:
+        """Unit of the level of the force: of an amplitude or a variance."""
+        if self.is_sine:
+            return "m/s²" if self.is_base else "N"
+        return "m²/s⁴" if self.is_base else "N²"
 
     @property
     def force(self) -> str:

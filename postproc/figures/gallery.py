@@ -126,8 +126,8 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
     for letter, std, cases in _by_std(scattered):
         yield Figure(
             f"fig_09{letter}", f"Fig. 9{letter}. Scatter of the time in slip, friction std {std:g}",
-            "Standard deviation over samples of the time in slip, over its mean. Each joint has a"
-            f" mark with its number{looks.marks_of_levels(cases)}. Bars are 95 % intervals,"
+            "Standard deviation over samples of the time in slip, over its mean."
+            f" {looks.marks_of(cases)}. Bars are 95 % intervals,"
             f" of the mean with Monte Carlo and time average together.{_pale(cases)}"
             " Look for where the marks are highest"
             f"{_of_lengths(cases, ', and whether the lengths differ')}.",
@@ -169,8 +169,8 @@ def of_drawn_friction(results: Results) -> Iterator[Figure]:
             f"fig_11{letter}",
             f"Fig. 11{letter}. Width of the band of uncertainty, friction std {std:g}",
             "Ratio of the pseudo-variances (Eq. 46) of the outer percentiles, over the mean time"
-            f" in slip. Each joint has a mark with its number{looks.marks_of_levels(cases)}"
-            f". Bars are 95 % intervals, Monte Carlo and time average together.{_pale(cases)}"
+            f" in slip. {looks.marks_of(cases)}. Bars are 95 % intervals,"
+            f" Monte Carlo and time average together.{_pale(cases)}"
             " Look for a fall with the time in slip"
             f"{_of_lengths(cases, ', and whether the lengths differ where it is long')}.",
             _STUDY, (partial(study_figures.plot_band_ratio, cases=cases),),

@@ -9,13 +9,14 @@ from ..processes import MAXIMUM_ENTROPY
 from ..results import Case
 from . import style
 
+MOST_NUMBERED = 12  # marks of a case
 _MOST_FILLINGS = 2  # of marks: open and full; more levels of the force differ in size too
 _SMALLEST_MARK, _LARGEST_MARK = 4.0, 8.0  # [points]
 _DIFFERENCES = {"order_found": "order ", "mean": "mean ", "sampler": ""}
 
 
 def level_name(case: Case) -> str:
-    """'variance 3.7 (low)', with the paper's name where it has one."""
+    """'variance 3.7 N² (low)', with the paper's name where it has one."""
     name = _name_in_paper(case)
     return case.level + (f" ({name})" if name else "")
 
@@ -55,12 +56,14 @@ def of_processes(cases: Sequence[Case]) -> dict[str, tuple[str, style.Look]]:
     }
 
 
-def marks_of_levels(cases: Sequence[Case]) -> str:
-    """', and how marks differ with the level of the force'; nothing of a single level."""
+def marks_of(cases: Sequence[Case]) -> str:
+    """'Each joint has a mark', which of them are numbered, and how marks differ with the force."""
+    is_long = cases[0].n_joints > MOST_NUMBERED
+    marks = f"Each joint has a mark{', some with their' if is_long else ' with its'} number"
     n_levels = len({case.strength for case in cases})
     if n_levels > _MOST_FILLINGS:
-        return ", fuller and larger with the excitation"
-    return ", open at the lower and full at the higher excitation" if n_levels > 1 else ""
+        return f"{marks}, fuller and larger with the excitation"
+    return marks + ", open at the lower and full at the higher excitation" * (n_levels > 1)
 
 
 def by_length(cases: Sequence[Case]) -> list[tuple[Case, style.Look, str]]:

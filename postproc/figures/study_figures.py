@@ -32,7 +32,6 @@ _MOST_MODES = 20  # marked
 _MOST_MARKED = 60  # joints with a mark in a line; more would meet
 _FAINT = 0.3  # of the bars of more
 _MOST_ABOVE = 10.0  # drawn of an interval, as a multiple of the largest band ratio
-_MOST_NUMBERED = 6  # marks of a case
 _MEET = 25.0  # [pixels] between marks that share a number
 _TOUCH = 12.0  # [pixels] between marks whose numbers would cover each other
 
@@ -205,7 +204,7 @@ def _number(axes: Axes, marks: Sequence[_Marks]) -> None:
     placed: list[tuple[int, NDArray[np.float64], Annotation]] = []
     for x, y, colour in marks:
         pixels = axes.transData.transform(np.column_stack([x, y]))
-        for joint in style.some_of(range(1, x.size + 1), _MOST_NUMBERED):
+        for joint in style.some_of(range(1, x.size + 1), looks.MOST_NUMBERED):
             here = pixels[joint - 1]
             apart = [(np.hypot(*(here - at)), other, name) for other, at, name in placed]
             if any(joint == other and distance < _MEET for distance, other, _ in apart):
@@ -326,11 +325,10 @@ def plot_sweep_spectra(axes: Axes, cases: Sequence[Case], results: Results) -> N
 
 def force_axis(case: Case) -> str:
     """Label of an axis of levels of the force."""
-    if case.is_sine:
-        return "amplitude of the " + ("ground [m/s²]" if case.is_base else "force [N]")
-    if not case.variance:
+    if not (case.is_sine or case.variance):
         return "factor of the force"
-    return "variance of the " + ("ground [m²/s⁴]" if case.is_base else "force [N²]")
+    what = "amplitude" if case.is_sine else "variance"
+    return f"{what} of the {'ground' if case.is_base else 'force'} [{case.force_unit}]"
 
 
 def _mark_modes(axes: Axes, results: Results) -> None:

@@ -121,7 +121,7 @@ def uncertainty_lowers(study: Study) -> Statement:
         peaks_of = {std: _power_of_peaks(study, (std, *rest)) for std in STDS}
         for i in np.flatnonzero(stuck):
             for name, power in (("all", of), ("peaks", peaks_of)):
-                text = f"{name}: mass {i + 1}, L0 = {rest[0]:g}, variance {rest[1]:g}"
+                text = f"{name}: mass {i + 1}, L0 = {rest[0]:g}, variance {rest[1]:g} N²"
                 growth = contrast([power[LARGE][i]], [power[SMALL][i]], one_record=False)
                 findings.append(claim_range(text, *growth, below=0.0))
     return Statement(
@@ -154,7 +154,7 @@ def lean_of_mean(study: Study) -> Statement:
     for std in STDS:
         for variance in LEVELS:
             leans = [_lean(study, (std, length, variance)) for length in LENGTHS]
-            text = f"ln of the distances' ratio, std {std:g}, variance {variance:g}"
+            text = f"ln of the distances' ratio, std {std:g}, variance {variance:g} N²"
             findings.append(claim_range(text, *contrast(leans, [NOTHING]), above=0.0))
     return Statement(
         "5b", "The mean of the spectra lies nearer the 5th percentile than the 95th.",

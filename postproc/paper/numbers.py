@@ -82,7 +82,7 @@ def _slips(results: Results) -> Iterator[_Row]:
         for joint, theirs in enumerate(SLIP_PERCENT[case.variance], start=1):
             ours = value_with_error(100.0 * slip[joint - 1], 100.0 * error[joint - 1])
             yield _Row(
-                "Table 2", f"variance {case.variance:g}, joint {joint}: time in slip [%]",
+                "Table 2", f"{case.force}, joint {joint}: time in slip [%]",
                 str(theirs), ours, float(error[joint - 1]),
             )  # fmt: skip
 

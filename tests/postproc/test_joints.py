@@ -50,7 +50,7 @@ def test_every_quantity_has_a_table_with_its_unit_in_every_column(results):
                        ("joints_displacement", "m")):  # fmt: skip
         assert len(found[name].rows) == 4
         assert all(cell.startswith(f"[{unit}] ") for cell in found[name].header[1:])
-        assert ": variance 41.1" in found[name].header[2]
+        assert ": variance 41.1 N²" in found[name].header[2]
 
 
 def test_tables_say_what_their_errors_are_of(results, results_of_scene):
@@ -93,4 +93,4 @@ def test_many_joints_leave_the_beginning_of_the_report_to_the_figures(results_of
     found = {table.name: table for table in tables.of_chain(long)}
     assert found["joints"].is_detail
     assert found["slip"].is_detail
-    assert looks.level_name(long.cases[1]) == "variance 41.1"
+    assert looks.level_name(long.cases[1]) == "variance 41.1 N²"

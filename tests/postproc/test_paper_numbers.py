@@ -35,7 +35,7 @@ def test_every_number_of_the_paper_is_there_once():
     }  # fmt: skip
     of = {row[:2]: row[2:] for row in table.rows}
     assert of["Fig. 4", "largest order with L0 = 0.3 and L1 at most 1"][:2] == ("6", "5")
-    theirs, ours, _ = of["Table 2", "variance 3.7, joint 5: time in slip [%]"]
+    theirs, ours, _ = of["Table 2", "variance 3.7 N², joint 5: time in slip [%]"]
     assert theirs == "37"
     assert ours == "35.00(45)"  # p (1 - p) sqrt(2/5000)
 
@@ -64,7 +64,7 @@ def test_the_smallest_error_decides():
     longer.deterministic[0].data["slip_starts"][:] = 500000
     for files in ([study, longer], [longer, study]):
         found = {row[:2]: row[2:] for row in table_numbers(files, []).rows}
-        assert found["Table 2", "variance 3.7, joint 5: time in slip [%]"] == (
+        assert found["Table 2", "variance 3.7 N², joint 5: time in slip [%]"] == (
             "37", "35.000(45)", "longer",
         )  # fmt: skip
 
