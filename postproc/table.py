@@ -10,9 +10,12 @@ from pathlib import Path
 from typing import SupportsFloat
 
 import numpy as np
+import xarray as xr
 
 from .output import write_file
 
+ERRORS = "Standard errors in brackets, in units of the last digits."
+MOST_ROWS = 24  # of a table among the first; a longer one stands at the end of the report
 _MOST_BEHIND = 9  # digits behind the point; smaller numbers have a power of ten
 _LEAST_PLAIN = 1e-3  # likewise
 _SHOWN = 7  # significant digits at most; a smaller error is none that is seen
@@ -31,7 +34,7 @@ class Table:
     is_result: bool = False  # for the beginning of a report on a structure of one's own
 
     def write_csv(self, folder: Path) -> Path:
-        """The same cells, comma separated; standard errors have columns of their own."""
+        """The same cells, empty where there is none; standard errors have columns of their own."""
         path = folder / f"{self.name}.csv"
         cells = StringIO(newline="")
         csv.writer(cells).writerows(zip(*self._columns(), strict=True))
@@ -40,7 +43,7 @@ class Table:
 
     def _columns(self) -> Iterator[list[str]]:
         for place, title in enumerate(self.header):
-            cells = [row[place] for row in self.rows]
+            cells = ["" if row[place] == "-" else row[place] for row in self.rows]
             errors = [getattr(cell, "error", "") for cell in cells]
             yield [title, *(getattr(cell, "value", cell) for cell in cells)]
             if any(errors):
@@ -72,6 +75,16 @@ def value_with_error(value: float, error: float) -> str:
     if not (np.isfinite(value) and error > 0.0 and np.isfinite(error)):
         return _bracketed(value, error)
     return Measured(_bracketed(value, error), value, error)
+
+
+def stored(data: xr.Dataset, name: str, scale: float = 1.0) -> str:
+    """A value of the file, times a factor, with its standard error where it has one."""
+    if name not in data or not np.isfinite(value := scale * float(data[name])):
+        return "-"
+    if name.endswith(("_time_error", "_time_part")):  # errors themselves
+        return f"{value:.2g}"
+    error = float(data[f"{name}_error"]) if f"{name}_error" in data else 0.0
+    return value_with_error(value, scale * error)
 
 
 def _bracketed(value: float, error: float) -> str:

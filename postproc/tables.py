@@ -9,15 +9,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from . import joints, sensitivity, tradeoff
+from . import joints, process_tables, sensitivity, tradeoff
 from .paper.evidence import Statement
 from .paper.printed import SLIP_HZ, SLIP_PERCENT, STDS, STUCK_HZ, is_paper_study
-from .processes import imposed_lengths, is_maximum_entropy
 from .results import Case, Results, shared_friction
-from .table import Table, value_with_error
+from .table import ERRORS, MOST_ROWS, Table, stored, value_with_error
 
 _MOST_COLUMNS = 12  # of a table over joints or modes; longer chains stand upright
-_MOST_ROWS = 24  # of a table among the first; a longer one stands at the end of the report
 _STATISTICS = (  # dataset, title, factor into its unit
     ("slip_mean", "mean time in slip [%]", 100.0),
     ("slip_mean_time_error", "time-average error of the mean [%]", 100.0),
@@ -43,7 +41,6 @@ _AUDITED = (
     ("band_ratio", "band ratio [%]", 100.0),
 )
 _EXACT_DIGITS = 2  # of an error found by repeating every sample
-_ERRORS = "Standard errors in brackets, in units of the last digits."
 
 
 def make_tables(files: Sequence[Results]) -> list[Table]:
@@ -78,14 +75,6 @@ def table_statements(statements: Sequence[Statement]) -> Table:
     return Table("statements", "The paper's statements", header, rows)
 
 
-def of_processes(results: Results) -> Iterator[Table]:
-    """Requests and solutions of the processes."""
-    if results.processes:
-        yield table_processes(results)
-        if any("other_mean" in data for data in results.processes.values()):
-            yield table_laws(results)
-
-
 def of_chain(results: Results) -> Iterator[Table]:
     """Tables 1 and 2."""
     if results.structure is not None:
@@ -112,7 +101,7 @@ def of_cases(results: Results) -> Iterator[Table]:
 
 # Each yields the tables that a file has data for.
 SOURCES: tuple[Callable[[Results], Iterator[Table]], ...] = (
-    of_chain, of_processes, of_cases, sensitivity.tables_of, tradeoff.tables_of,
+    of_chain, process_tables.tables_of, of_cases, sensitivity.tables_of, tradeoff.tables_of,
 )  # fmt: skip
 
 
@@ -147,9 +136,9 @@ def table_slip(results: Results) -> Table:
         if case.variance in SLIP_PERCENT and is_paper_study(results):
             paper = SLIP_PERCENT[case.variance]
             rows.append((f"{name}, paper", *(f"{p:d}" for p in paper)))
-            rows += _with_random_friction(results, case.variance)
+            rows += _with_random_friction(results, case)
             beside.append(f" At {name}: {beside_paper(100.0 * slip, 100.0 * error, paper)}.")
-    note = f"{cases[0].given_friction.capitalize()}. {_ERRORS}"
+    note = f"{cases[0].given_friction.capitalize()}. {ERRORS}"
     note += " They are those of the time average over one force record"
     note += ", and of the samples too where friction is random." if beside else "."
     if beside:
@@ -159,18 +148,18 @@ def table_slip(results: Results) -> Table:
             f" friction of std {min(STDS):g}, its row at 41.1 near deterministic friction."
         )
     header, body = _upright("joint", range(1, cases[0].n_joints + 1), rows, "time in slip [%]")
-    is_long = len(body) > _MOST_ROWS
+    is_long = len(body) > MOST_ROWS
     if not beside or is_long:
         title = "Time in slip, deterministic friction [%]"
         return Table("slip", title, header, body, note, is_long, is_result=True)
     return Table("table_2", "Table 2. Time in slip [%]", header, body, note)
 
 
-def _with_random_friction(results: Results, variance: float) -> list[tuple[str, ...]]:
+def _with_random_friction(results: Results, certain: Case) -> list[tuple[str, ...]]:
     """Mean time in slip [%] of the joints at the paper's smaller std, over its lengths."""
     cases = [
         case for case in results.random
-        if case.std == min(STDS) and case.variance == variance and case.has("slip_mean_error")
+        if case.std == min(STDS) and case.force == certain.force and case.has("slip_mean_error")
     ]  # fmt: skip
     if not cases:
         return []
@@ -183,7 +172,7 @@ def _with_random_friction(results: Results, variance: float) -> list[tuple[str, 
     errors = [case.data["slip_mean_error"].values for case in cases]
     error = np.hypot(np.sqrt(np.sum(np.square(errors), axis=0)) / len(cases), time)
     cells = map(value_with_error, 100.0 * mean, 100.0 * error)
-    return [(f"variance {variance:g}, mean at random friction, std {min(STDS):g}", *cells)]
+    return [(f"{certain.force}, mean at random friction, std {min(STDS):g}", *cells)]
 
 
 def table_joints(cases: Sequence[Case], quantity: joints.OfJoints) -> Table:
@@ -203,8 +192,8 @@ def table_joints(cases: Sequence[Case], quantity: joints.OfJoints) -> Table:
     name = "joints" if quantity.name == "slip" else f"joints_{quantity.name}"
     title = f"{quantity.heading} of the joints [{quantity.unit}]{friction and f', {friction}'}"
     return Table(
-        name, title, (corner, *names), rows, f"{_ERRORS} {quantity.errors(cases)}.",
-        is_detail=len(cases) > _MOST_COLUMNS or len(rows) > _MOST_ROWS, is_result=True,
+        name, title, (corner, *names), rows, f"{ERRORS} {quantity.errors(cases)}.",
+        is_detail=len(cases) > _MOST_COLUMNS or len(rows) > MOST_ROWS, is_result=True,
     )  # fmt: skip
 
 
@@ -220,69 +209,6 @@ def beside_paper(
     return f"not the paper's, joint {worst + 1} lies {apart} (standard error {error[worst]:.1f})"
 
 
-def table_processes(results: Results) -> Table:
-    """Request and solution of each process."""
-    header = (
-        "process", "asked", "model", "mean", "std", "L0", "L1", "entropy", "entropy of white noise",
-        "status",
-    )  # fmt: skip
-    rows = []
-    for name, data in results.processes.items():
-        asked = data.attrs
-        if not is_maximum_entropy(data):
-            length = model = str(asked["law"])
-        else:
-            length = imposed_lengths(asked)
-            method = "AR" if asked["method"] == "autoregressive" else asked["method"]
-            model = f"{method}({asked.get('order_found', asked['order']) or 'chosen'})"
-            if int(asked["positive"]):
-                model += f", {asked['sampler']}"
-        found = [
-            _with_error(data, value)
-            for value in ("mean_found", "std_found", "L0", "L1", "entropy", "entropy_bound")
-        ]
-        status = str(asked["status"])
-        if "reason" in asked:
-            status += f": {asked['reason']}"
-        if asked.get("branch") == "alternating":
-            status += ", K(m) alternates: neighbours are anticorrelated"
-            if "nonnegative_entropy" in data:
-                status += " (the other law has a process with K(m) >= 0 and more entropy)"
-        wanted = f"{length}, mean {asked['mean']:g}, std {asked['std']:g}"
-        rows.append((name, wanted, model, *found, status))
-    note = f"Entropies in nats per point. {_ERRORS}"
-    return Table("processes", "Processes", header, rows, note, is_detail=len(rows) > _MOST_ROWS)
-
-
-def table_laws(results: Results) -> Table:
-    """The two laws of positive processes side by side, for each process."""
-    rows = []
-    for name, data in results.processes.items():
-        if "other_mean" not in data:
-            continue
-        row = [name, str(data.attrs["sampler"])]
-        for ours, other in (("mean_found", "mean"), ("std_found", "std"), ("L0", "L0"),
-                            ("entropy", "entropy")):  # fmt: skip
-            row += [_with_error(data, ours), _to_the_digits_of(data, ours, f"other_{other}")]
-        rows.append(tuple(row))
-    header = ["process", "law"]
-    for name in ("mean", "std", "L0", "entropy"):
-        header += [name, f"{name}, other law"]
-    note = (
-        "Rejection of one value at a time (sequential) and Eq. 25 on the positive orthant (exact)"
-        " are two laws. Beside each value is that of the other law with the same a, b0 and mu, to"
-        " some three digits. Standard errors in brackets."
-    )
-    return Table("laws", "Two laws of positive processes", tuple(header), rows, note)
-
-
-def _to_the_digits_of(data: xr.Dataset, ours: str, other: str) -> str:
-    """A value from fewer simulated values than ours, to where four of our errors reach."""
-    error = 4.0 * float(data.get(f"{ours}_error", 0.0))
-    digits = min(5, max(0, -int(np.floor(np.log10(error))))) if error > 0.0 else 5
-    return f"{float(data[other]):.{digits}f}"
-
-
 def table_statistics(case: Case) -> Table:
     """Slip fractions, amplitudes, pseudo-variances and band ratios of one case with errors."""
     data = case.data
@@ -296,14 +222,13 @@ def table_statistics(case: Case) -> Table:
         row = [str(i + 1)]
         here = data.isel({axis: i for axis in ("dof", "joint") if i < data.sizes.get(axis, 0)})
         row += [
-            _with_error(here, name, scale) if here[name].ndim == 0 else ""
-            for name, _, scale in columns
+            stored(here, name, scale) if here[name].ndim == 0 else "" for name, _, scale in columns
         ]
         if i >= case.n_dof:  # a joint more than there are dofs
             rows.append((*row, *[""] * (len(percentiles) + len(ratios))))
             continue
         row += [
-            _with_error(here.isel(percentile=k), "pseudo_variance_percentiles")
+            stored(here.isel(percentile=k), "pseudo_variance_percentiles")
             for k in range(len(percentiles))
         ]
         row += [
@@ -315,7 +240,7 @@ def table_statistics(case: Case) -> Table:
     header += [f"pseudo-variance of percentile {level:g} [m²]" for level in percentiles]
     header += [title for _, title, _, _ in ratios]
     title = f"{case.name}: {case.process}, {case.label}, {case.n_samples} samples"
-    note = _ERRORS
+    note = ERRORS
     if case.has("steady"):
         note += f" {int(data['steady'].sum())} of {case.n_samples} samples are steady."
     if case.has("band_ratio"):
@@ -342,7 +267,7 @@ def table_sample(case: Case) -> Table:
     ]
     header, body = _upright("joint", range(1, case.n_joints + 1), rows)
     title = f"{case.name}: sample {int(data['sample'])}, {case.label}"
-    note = f"{_ERRORS} They are those of the time average."
+    note = f"{ERRORS} They are those of the time average."
     return Table(f"sample_{case.name}", title, header, body, note, is_result=True)
 
 
@@ -358,7 +283,7 @@ def table_audit(results: Results) -> Table:
     header = ("case", "samples repeated", *(title for _, title, _ in _AUDITED))
     note = (
         "Difference of the case's own method from the reference method on the same samples, at the"
-        f" joint where it is largest. {_ERRORS}"
+        f" joint where it is largest. {ERRORS}"
     )
     return Table("audit", "Numerical errors, by audit", header, rows, note)
 
@@ -389,13 +314,3 @@ def _upright(
     return names, [
         (str(number), *(row[number] for row in rows)) for number in numbers
     ]  # fmt: skip
-
-
-def _with_error(data: xr.Dataset, name: str, scale: float = 1.0) -> str:
-    """A value of the file, times a factor, with its standard error where it has one."""
-    if name not in data:
-        return "-"
-    if name.endswith(("_time_error", "_time_part")):  # errors themselves
-        return f"{scale * float(data[name]):.2g}"
-    error = float(data[f"{name}_error"]) if f"{name}_error" in data else 0.0
-    return value_with_error(scale * float(data[name]), scale * error)

@@ -15,8 +15,9 @@ from entroslip.figures import looks, process_figures, study_figures, style
 from entroslip.figures.figure import Figure
 from entroslip.figures.gallery import make_figures
 from entroslip.paper.printed import AXES
+from entroslip.process_tables import table_processes
 from entroslip.results import Results
-from entroslip.tables import make_tables, table_processes
+from entroslip.tables import make_tables
 from tests.postproc.synthetic import FREQUENCY, case_of, certain, process, results_of
 
 
@@ -203,6 +204,18 @@ def test_marks_that_touch_have_their_numbers_side_by_side(axes):
     assert [text.get_text() for text in axes.texts] == ["1, 2", "3"]
 
 
+def test_every_joint_of_a_chain_of_seven_has_its_number(axes):
+    """One of them had none, and the caption said that each had."""
+    case = case_of("c001", "p001", np.full((2, 7), 0.3), np.ones((2, FREQUENCY.size, 7)))
+    for name in ("slip_mean", "slip_std", "slip_mean_error", "slip_std_error"):
+        case.data[name] = ("joint", np.linspace(0.1, 0.7, 7))
+    study_figures.plot_slip_scatter(axes, [case])
+    assert [text.get_text() for text in axes.texts] == list("1234567")
+    assert looks.marks_of([case]) == "Each joint has a mark with its number"
+    long = case_of("c001", "p001", np.full((2, 70), 0.3), np.ones((2, FREQUENCY.size, 70)))
+    assert looks.marks_of([long]) == "Each joint has a mark, some with their number"
+
+
 @pytest.mark.parametrize("n_joints", [3, 70])
 def test_bars_end_at_one_and_are_faint_where_they_are_many(axes, n_joints):
     """Intervals of a time in slip reached 108 %; those of 200 joints hid all marks."""
@@ -333,11 +346,12 @@ def test_every_level_of_the_force_has_marks_of_its_own(axes):
     assert np.diff(fillings).min() > 0.2
     assert np.diff(sizes).min() > 1.0
     assert {mark.get_markeredgecolor() for mark in marks} == {marks[0].get_color()}
-    assert [name.split(", ")[1] for name in drawn(axes)] == [f"variance {v:g}" for v in levels]
-    told = [looks.marks_of_levels(cases[:n]) for n in (1, 2, 4)]
+    assert [name.split(", ")[1] for name in drawn(axes)] == [f"variance {v:g} N²" for v in levels]
+    told = [looks.marks_of(cases[:n]) for n in (1, 2, 4)]
+    marks = "Each joint has a mark with its number"
     assert told == [
-        "", ", open at the lower and full at the higher excitation",
-        ", fuller and larger with the excitation",
+        marks, f"{marks}, open at the lower and full at the higher excitation",
+        f"{marks}, fuller and larger with the excitation",
     ]  # fmt: skip
 
 

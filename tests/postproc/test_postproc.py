@@ -23,7 +23,7 @@ from entroslip.figures.chain_figure import plot_chain
 from entroslip.figures.figure import SECTIONS, Figure
 from entroslip.paper.printed import AXES
 from entroslip.results import ResultsError, find_damage
-from entroslip.table import rounded, value_with_error
+from entroslip.table import Table, rounded, stored, value_with_error
 from entroslip.tables import beside_paper, table_audit, table_frequencies, table_slip
 from tests.conftest import ROOT
 from tests.postproc.synthetic import FREQUENCY, case_of
@@ -61,10 +61,10 @@ def test_table_2_is_what_the_file_holds(results_file, drawn):
         fraction = file["campaign/c002/slip_fraction"][0]
     header = rows["time in slip [%]"]
     assert header[:2] == ["joint 1", "joint 1 standard error"]
-    shown = [float(cell) for cell in rows["variance 41.1"]]
+    shown = [float(cell) for cell in rows["variance 41.1 N²"]]
     np.testing.assert_allclose(shown[::2], 100 * fraction, atol=0.5)  # errors are some points here
     assert min(shown[1::2]) > 0.0
-    assert rows["variance 41.1, paper"][::2] == ["36", "45", "52", "59", "65"]
+    assert rows["variance 41.1 N², paper"][::2] == ["36", "45", "52", "59", "65"]
     assert "nothing was tuned" in table_slip(open_results(results_file)).note
 
 
@@ -126,7 +126,7 @@ def test_the_chain_is_drawn_with_its_force():
 def test_levels_of_the_force_have_the_papers_names(results_file):
     case = open_results(results_file).cases[-1]
     case.data.attrs["variance"] = 41.1
-    assert looks.level_name(case) == "variance 41.1 (high)"
+    assert looks.level_name(case) == "variance 41.1 N² (high)"
     case.data.attrs |= {"variance": 0.0, "factor": 2.0}
     assert looks.level_name(case) == "force factor 2"
 
@@ -308,6 +308,24 @@ def test_values_carry_their_errors():
     assert value_with_error(1.4e-7, 2.5e-8) == "1.40(25)e-7"
     assert value_with_error(0.0027651, 0.0000997) == "0.00277(10)"  # rounded up to three digits
     assert value_with_error(123.0, 99.7) == "123(100)"
+
+
+def test_a_value_that_is_not_known_is_an_empty_cell(tmp_path):
+    """Time-average errors were `nan`, and others a dash, which make a column of text."""
+    data = xr.Dataset({"x_time_error": np.nan, "y": 2.0})
+    cells = tuple(stored(data, name) for name in ("x_time_error", "y", "z"))
+    assert cells == ("-", "2", "-")
+    assert (
+        Table("t", "", ("a", "b", "c"), [cells]).write_csv(tmp_path).read_text() == "a,b,c\n,2,\n"
+    )
+
+
+def test_the_other_law_has_its_errors(drawn):
+    """It had none: beside the exact law near its limit, noise stood as a length below zero."""
+    with (drawn / "laws.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    for name in ("mean", "std", "L0", "entropy"):
+        assert float(row[f"{name}, other law standard error"]) > 0.0
 
 
 def test_module_runs_as_a_command(process_file, tmp_path):
