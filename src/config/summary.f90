@@ -272,15 +272,15 @@ contains
       character(:), allocatable :: text
 
       associate (load => plan%structure%load)
+         text = ''
+         if (size(load, 2) > 1) text = ' for each of '//to_text(size(load, 2))//' forces'
          if (plan%excitation%base) then
-            text = ' as acceleration of the ground, '// &
+            text = text//' as acceleration of the ground, '// &
                    trim(merge('of all dofs alike  ', 'of each by its load', &
                               all(abs(load(:, 1) + sum(plan%structure%mass, 2)) <= 0.0_wp)))
-         else if (size(load, 2) > 1) then
-            text = ' for each of '//to_text(size(load, 2))//' forces'
          else if (count(abs(load) > 0.0_wp) == 1) then
             text = ' on dof '//to_text(maxloc(abs(load(:, 1)), 1))
-         else
+         else if (size(load, 2) == 1) then
             text = ' on '//counted(count(abs(load) > 0.0_wp), 'dof', 'dofs')
          end if
       end associate

@@ -320,6 +320,9 @@ def test_the_ground_moves_what_the_load_says(entroslip, tmp_path):
         with h5py.File(tmp_path / f"{name}.h5") as file:
             slip[name] = file["campaign/c001/slip_fraction"][0, 0]
     assert slip["one"] == slip["b"] != slip["all"]
+    np.savetxt(tmp_path / "r.txt", np.eye(2))
+    words = " ".join(entroslip("check", "one.nml").stdout.split())
+    assert "for each of 2 forces as acceleration of the ground, of each by its load" in words
 
 
 def test_modes_that_a_reduction_would_save_are_counted(entroslip, tmp_path):
