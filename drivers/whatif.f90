@@ -15,7 +15,7 @@ module driver_whatif
    use driver_regression, only: find_estimates
    use driver_statistics, only: find_statistics
    use driver_whatif_text, only: law_text
-   use io_earlier_results, only: case_errors, read_campaign, read_errors, stored_in_results
+   use io_earlier_results, only: case_errors, read_campaign, stored_in_results
    use io_identity, only: identity_type
    use io_shards, only: shard_type, sort_shards, stored_samples
    use io_store, only: new_store
@@ -29,8 +29,9 @@ module driver_whatif
    !> Samples of a results file, and cases without samples for the new laws.
    type :: question_type
       type(plan_type) :: plan                    !! cases of the file, then those of the new laws
-      integer :: n_processes = 0, n_cases = 0    !! processes and cases of the file
+      integer :: n_processes = 0                 !! processes of the file
       type(stored_samples) :: stored
+      type(case_errors), allocatable :: errors(:)   !! (case of the file)
       type(spectrum_layout) :: layout            !! without frequencies if samples have no spectra
    end type question_type
 
@@ -76,7 +77,7 @@ contains
          call find_estimates(world, plan, models, question%stored, question%layout%frequency, &
                              statistics, estimates, error, pools)
          call world%stop_on(error)
-         if (world%is_root()) call print_estimates(question, line%scene, pools, estimates, error)
+         if (world%is_root()) call print_estimates(question, pools, estimates, error)
       end associate
       call world%stop_on(error)
       call stop_world(exit_done)
@@ -93,7 +94,8 @@ contains
 
       call refuse_other_options(line, error)
       if (.not. allocated(error)) &
-         call read_campaign(line%scene, text, options, campaign, question%layout%frequency, error)
+         call read_campaign(line%scene, text, options, campaign, question%layout%frequency, &
+                            question%errors, error)
       if (allocated(error)) return
       if (all(campaign%cases%process == 0)) then
          call raise(error, exit_bad_input, line%scene//': has no samples of a process')
@@ -104,7 +106,6 @@ contains
       associate (plan => question%plan)
          question%n_processes = size(plan%processes)
          plan%cases = campaign%cases
-         question%n_cases = size(plan%cases)
          plan%has_structure = .true.
          plan%structure = campaign%structure
          plan%output = campaign%output
@@ -159,24 +160,20 @@ contains
    end subroutine plan_laws
 
    !> Prints the estimates of all new laws. An error says that none of them has any.
-   subroutine print_estimates(question, path, pools, estimates, error)
+   subroutine print_estimates(question, pools, estimates, error)
       type(question_type), intent(in) :: question
-      character(*), intent(in) :: path      !! results file
       type(case_pool), intent(in) :: pools(:)
       type(case_estimates), intent(in) :: estimates(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
-      type(case_errors), allocatable :: errors(:)   ! (case of the file)
       logical, allocatable :: is_near(:)            ! (statistic)
       integer :: i, p
 
-      call read_errors(path, question%n_cases, errors, error)
-      if (allocated(error)) return
       allocate (is_near(0))
       do p = 1, size(pools)
          associate (laws => pack(pools(p)%cases, pools(p)%n_fitted == 0))
             do i = 1, size(laws)
                associate (best => estimates(laws(i))%best)
-                  call say(law_text(question%plan, pools(p), laws(i), errors, best))
+                  call say(law_text(question%plan, pools(p), laws(i), question%errors, best))
                   is_near = [is_near, pack(is_near_samples(best%numbers), .true.)]
                   if (allocated(best%pseudo_variances)) &
                      is_near = [is_near, pack(is_near_samples(best%pseudo_variances), .true.)]

@@ -12,7 +12,7 @@ module driver_whatif_text
    private
    public :: law_text
 
-   integer, parameter :: number_width = 6, cell_width = 20   !! columns of tables
+   integer, parameter :: number_width = 6, cell_width = 18   !! columns of tables
 
 contains
 

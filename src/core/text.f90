@@ -355,12 +355,12 @@ contains
       text = lowered(rounded_text(value, max(3, min(digits, 9))))
    end function rounded_by_error
 
-   !> Text 'value +- standard error', the error in two digits.
+   !> Text 'value+-standard error', the error in two digits.
    pure function with_error(value, error) result(text)
       real(wp), intent(in) :: value, error
       character(:), allocatable :: text
 
-      text = rounded_by_error(value, error)//' +- '//lowered(rounded_text(error, 2))
+      text = rounded_by_error(value, error)//'+-'//lowered(rounded_text(error, 2))
    end function with_error
 
    !> Text of a duration in seconds, minutes, hours or days.

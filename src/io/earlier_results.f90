@@ -8,7 +8,7 @@ module io_earlier_results
    use core_kinds, only: wp
    use core_source, only: is_hdf5_file
    use io_contents, only: check_contents
-   use io_files, only: exists
+   use io_files, only: exists, is_readable
    use io_hdf5, only: hdf5_file, hdf5_group, hdf5_object, open_hdf5
    use io_identity, only: identity_type, refuse_foreign, require_command, require_same
    use io_results, only: case_group
@@ -52,7 +52,8 @@ contains
       call file%abandon()
    end subroutine refuse_replacement
 
-   !> Opens a results file; refuses a truncated one, and a file of another format.
+   !> Opens a results file; refuses a truncated one, a file of another format, and one that this
+   !> process may not read.
    subroutine open_results(path, file, error)
       character(*), intent(in) :: path
       type(hdf5_file), intent(out) :: file
@@ -62,18 +63,20 @@ contains
       if (.not. allocated(error)) return
       if (is_hdf5_file(path)) then
          error%message = error%message//advice
-      else
+      else if (is_readable(path)) then
          call refuse_foreign(path, error)
       end if
    end subroutine open_results
 
    !> Reads from the results of a run what estimates of other laws need: the text of its scene, its
-   !> --set options, one a line, and its cases, joints and spectra. Checks the whole file.
-   subroutine read_campaign(path, scene, overrides, plan, frequency, error)
+   !> --set options, one a line, its cases, joints and spectra, and stated errors. Checks the whole
+   !> file.
+   subroutine read_campaign(path, scene, overrides, plan, frequency, errors, error)
       character(*), intent(in) :: path
       character(:), allocatable, intent(out) :: scene, overrides
       type(plan_type), intent(out) :: plan   !! with cases, joints, dofs and percentiles alone
       real(wp), allocatable, intent(out) :: frequency(:)   !! [Hz]; empty without spectra of samples
+      type(case_errors), allocatable, intent(out) :: errors(:)   !! (case)
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
       type(hdf5_group) :: group
@@ -91,10 +94,12 @@ contains
          call group%read('overrides', overrides)
          allocate (frequency(0), plan%cases(0))
          if (file%has('/structure')) call read_plan(group, plan, frequency)
+         call read_cases(group, size(plan%cases), errors)
          call group%take_error(error)
       end if
       call file%abandon()
-      if (allocated(error)) error%message = path//': cannot be read as results of entroslip run'
+      if (allocated(error) .and. is_readable(path)) &
+         error%message = path//': cannot be read as results of entroslip run'
    end subroutine read_campaign
 
    !> Reads cases, joints, dofs and percentiles, and the frequencies of the spectra.
@@ -204,7 +209,7 @@ contains
       stored = stored(:n)
    end function stored_in_results
 
-   !> Reads the stated errors of all cases.
+   !> Reads the stated errors of all cases of a file.
    subroutine read_errors(path, n_cases, errors, error)
       character(*), intent(in) :: path
       integer, intent(in) :: n_cases
@@ -212,21 +217,30 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
       type(hdf5_group) :: group
-      integer :: i
 
       call open_hdf5(path, file, error)
       if (allocated(error)) return
-      allocate (errors(n_cases))
       group%file = file
+      call read_cases(group, n_cases, errors)
+      call group%take_error(error)
+      call file%abandon()
+   end subroutine read_errors
+
+   !> Reads the stated errors of all cases.
+   subroutine read_cases(group, n_cases, errors)
+      type(hdf5_group), intent(inout) :: group   !! of an open file; its path is changed
+      integer, intent(in) :: n_cases
+      type(case_errors), allocatable, intent(out) :: errors(:)   !! (case)
+      integer :: i
+
+      allocate (errors(n_cases))
       do i = 1, n_cases
          group%path = case_group(i, n_cases)
          call read_case(group, errors(i))
          group%path = case_group(i + n_cases, n_cases)
-         if (file%has(group%path)) call read_audit(group, errors(i))
+         if (group%file%has(group%path)) call read_audit(group, errors(i))
       end do
-      call group%take_error(error)
-      call file%abandon()
-   end subroutine read_errors
+   end subroutine read_cases
 
    !> Reads the statistics of a case and their estimator.
    subroutine read_case(group, errors)

@@ -11,7 +11,7 @@ module io_files
                        c_glob, c_globfree, c_mkdir, c_remove, c_rename
    implicit none(type, external)
    private
-   public :: exists, file_size, folder_of, host_name, is_folder, process_id, &
+   public :: exists, file_size, folder_of, host_name, is_folder, is_readable, process_id, &
              shows_on_terminal
    public :: follow_links, list_files, make_folder, remove_file, rename_file, sync_file, &
              unfinished_name, write_new_file
@@ -35,6 +35,16 @@ contains
 
       is_folder = exists(path//'/.')
    end function is_folder
+
+   !> True if this process may read the file of this name.
+   function is_readable(path)
+      character(*), intent(in) :: path
+      logical :: is_readable
+      character(7) :: answer
+
+      inquire (file=path, read=answer)
+      is_readable = answer /= 'NO'
+   end function is_readable
 
    !> Size of a file [byte]; -1 if there is no such file.
    function file_size(path) result(bytes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import re
 import subprocess
 
@@ -36,7 +37,7 @@ def folder(program, tmp_path_factory):
 def table(said: str, title: str) -> np.ndarray:
     """(joint or dof; mean, 5 %, 95 %, std or band ratio; value or error) of a table."""
     rows = said.split(f"{title}\n")[1].split("\n")[1:]
-    rows = [re.findall(r"(\S+) \+- (\S+)", row) for row in rows]
+    rows = [re.findall(r"(\S+)\+-(\S+)", row) for row in rows]
     return np.array([row for row in itertools.takewhile(bool, rows)], dtype=float)
 
 
@@ -46,6 +47,7 @@ def test_a_law_between_those_marched_is_that_of_a_run(entroslip, folder):
     assert done.returncode == 0, done.stderr
     assert "law          mean = 0.2, std = 0.08, L0 = 1.0, order = 2\n" in done.stdout
     assert "samples      40 of c001, 40 of c003\n" in done.stdout
+    assert max(map(len, done.stdout.splitlines())) <= 80
     slip = table(done.stdout, "time in slip [%]")
     power = table(done.stdout, "pseudo-variance [m^2]")
     with h5py.File(folder / "between.h5") as file:
@@ -85,7 +87,7 @@ def test_a_law_too_far_from_the_samples_is_not_estimated(entroslip, folder):
     done = entroslip("whatif", folder / "known.h5", "--set", "process%mean=1.5", "--quiet")
     assert done.returncode == 4
     assert "the samples do not reach this law: name it in the scene, and run" in done.stderr
-    assert not re.search(r"\d \+- \d", done.stdout)
+    assert not re.search(r"\d\+-\d", done.stdout)
     assert "joint" not in done.stdout  # no table of dashes
 
 
@@ -96,6 +98,22 @@ def test_each_quantity_is_judged_by_itself(entroslip, folder):
     assert done.stdout.count("time in slip [%]\njoint") == 2
     assert done.stdout.count("pseudo-variance [m^2]  -\n") == 2
     assert "-: too far from the samples" in done.stdout
+
+
+def test_a_file_that_may_not_be_read_is_not_called_foreign(program, folder, tmp_path):
+    """Neither by whatif nor by a run that would replace it."""
+    scene, results = tmp_path / "known.nml", tmp_path / "known.h5"
+    scene.write_text((folder / "known.nml").read_text())
+    results.write_bytes(b"x")
+    results.chmod(0)
+    alone = ["setpriv", "--bounding-set=-all", "--inh-caps=-all"] if os.geteuid() == 0 else []
+    for words in (("whatif", "known.h5", "--set", "process%std=0.08"), ("run", "known.nml")):
+        words = [*alone, program, *words]
+        done = subprocess.run(
+            words, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=False
+        )
+        assert "known.h5: cannot be opened as HDF5: Permission denied\n" in done.stderr
+        assert done.returncode == 3
 
 
 @pytest.mark.parametrize(
