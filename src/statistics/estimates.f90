@@ -1,7 +1,7 @@
 !> Estimates of statistics with the influence of each sample on them, from which their standard
 !> errors follow; and those of plain sampling. Formulas (4), (10) and (11) of docs/regression.md.
 module statistics_estimates
-   use core_kinds, only: wp
+   use core_kinds, only: two_pi, wp
    use numerics_sorting, only: sort_order
    use statistics_percentiles, only: at_rank
    implicit none(type, external)
@@ -172,15 +172,20 @@ contains
       tolerance_factor = (z + sqrt(z**2 - a*b))/a
    end function tolerance_factor
 
-   !> Quantile of the standard normal law at probability p, to 4.5e-4 (Abramowitz and Stegun
-   !> 26.2.23).
+   !> Quantile of the standard normal law at probability p: Newton's iteration from 0, which
+   !> approaches it from one side because the tail of the law is convex.
    pure real(wp) function normal_point(p)
       real(wp), intent(in) :: p
-      real(wp) :: t
+      real(wp), parameter :: small_step = 1.0e-9_wp   ! the next one is of the order of its square
+      real(wp) :: step
 
-      t = sqrt(-2.0_wp*log(min(p, 1.0_wp - p)))
-      normal_point = t - (2.515517_wp + t*(0.802853_wp + t*0.010328_wp)) &
-                     /(1.0_wp + t*(1.432788_wp + t*(0.189269_wp + t*0.001308_wp)))
+      normal_point = 0.0_wp
+      do
+         step = (0.5_wp*erfc(normal_point/sqrt(2.0_wp)) - min(p, 1.0_wp - p)) &
+                *sqrt(two_pi)*exp(0.5_wp*normal_point**2)
+         normal_point = normal_point + step
+         if (step <= small_step) exit
+      end do
       if (p < 0.5_wp) normal_point = -normal_point
    end function normal_point
 
