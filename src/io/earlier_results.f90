@@ -98,8 +98,8 @@ contains
          call group%take_error(error)
       end if
       call file%abandon()
-      if (allocated(error) .and. is_readable(path)) &
-         error%message = path//': cannot be read as results of entroslip run'
+      if (.not. allocated(error)) return
+      if (is_readable(path)) error%message = path//': cannot be read as results of entroslip run'
    end subroutine read_campaign
 
    !> Reads cases, joints, dofs and percentiles, and the frequencies of the spectra.

@@ -6,8 +6,8 @@ module statistics_estimates
    use statistics_percentiles, only: at_rank
    implicit none(type, external)
    private
-   public :: downward_error, estimates_type, inverse_density, is_near_samples, &
-             limit_beyond_samples, nonnegative_statistic, normal_95, numbers_of_statistic, &
+   public :: downward_error, estimates_type, is_near_samples, limit_beyond_samples, &
+             nonnegative_statistic, normal_95, numbers_of_statistic, &
              plain_deviation, plain_mean, plain_percentile, sort_percentiles, stated_error, &
              statistic_type, student_factor, upward_error
 
@@ -34,6 +34,8 @@ module statistics_estimates
       real(wp), allocatable :: influence(:, :)   !! (sample, output) of formula (4)
       real(wp), allocatable :: bias(:)           !! (output) estimate of value minus truth
       real(wp), allocatable :: kappa(:)          !! (output) of formula (7)
+      !> (output) of a percentile by a fit: 1/density of G there
+      real(wp), allocatable :: inverse_density(:)
       !> (fit or plain sampling, output) factor on the influences for tails of the law that the
       !> samples lack, formula (8); unallocated: 1
       real(wp), allocatable :: tail_factor(:, :)
@@ -206,15 +208,6 @@ contains
       allocate (estimates%value(n_out), estimates%bias(n_out), source=0.0_wp)
       allocate (estimates%influence(n, n_out), source=0.0_wp)
    end function zero_estimates
-
-   !> 1/density at a percentile, from the influences of plain sampling.
-   pure real(wp) function inverse_density(influence, n_samples, p)
-      real(wp), intent(in), contiguous :: influence(:)   !! (sample)
-      integer, intent(in) :: n_samples                   !! samples of the case
-      real(wp), intent(in) :: p                          !! share of the law below the percentile
-
-      inverse_density = sqrt(n_samples*sum_of_squares(influence)/(p*(1.0_wp - p)))
-   end function inverse_density
 
    !> Standard error of one output: root of Student's factor squared times the sum of squared
    !> influences times n/(n - 1), plus the bias squared; formula (10).

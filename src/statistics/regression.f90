@@ -5,6 +5,7 @@ module statistics_regression
    use core_kinds, only: wp
    use numerics_elementary, only: exponentiate
    use numerics_lapack, only: multiply
+   use numerics_sorting, only: sort_order
    use statistics_estimates, only: estimates_type
    use statistics_influences, only: add_hidden_errors, case_law_type, density_tail_ratio, &
                                     find_influences, find_weights, kappa_of, pair_thinning, &
@@ -137,14 +138,19 @@ contains
       real(wp), allocatable :: pair_values(:)     ! (every 16th point) G
       integer, allocatable :: points(:)
 
-      allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)))
+      allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)), &
+                estimate%inverse_density(size(values, 2)))
       allocate (estimate%tail_factor, mold=tail)
       if (.not. law%has_samples) &
          allocate (pair_share(size(law%pair_weight), size(values, 2)), source=0.0_wp)
       do o = 1, size(values, 2)
          call find_quantile(values(:, o), law%weight, p, half_window, of_fit, points)
          average_row(:, o) = mean_column(law%rows, points)
-         call add_residuals_near(fit, o, values(:, o), of_fit, near(:, o), sums)
+         associate (first => points(1), last => points(size(points)))
+            estimate%inverse_density(o) = (values(last, o) - values(first, o)) &
+                                          /sum(law%weight(points))
+         end associate
+         call add_residuals_near(law, fit, o, values(:, o), of_fit, near(:, o), sums)
          call find_quantile(sums, law%weight, p, 0.0_wp, of_sums, points)
          estimate%value(o) = 0.5_wp*(of_fit + of_sums)
          estimate%bias(o) = 0.5_wp*(of_fit - of_sums)   ! inwards, as plain sampling's
@@ -167,21 +173,40 @@ contains
       end do
    end subroutine law_percentile
 
-   !> Adds to each value the residual of a sample predicted near it, less the mean residual. The
-   !> samples near are the same for all values in one part of the range of predictions.
-   pure subroutine add_residuals_near(fit, o, values, of_fit, near, sums)
+   !> Adds to each value the residual of a sample of the law predicted near it. The samples near are
+   !> the same for all values in one part of the range of predictions. Other laws may have smaller
+   !> residuals at the same predictions: they come to them by other friction values.
+   pure subroutine add_residuals_near(law, fit, o, values, of_fit, near, sums)
+      type(case_law_type), intent(in) :: law
       type(fit_type), intent(in) :: fit
       integer, intent(in) :: o                        !! output
       real(wp), intent(in), contiguous :: values(:)   !! (point)
       real(wp), intent(in) :: of_fit                  !! percentile of G
       integer, intent(out) :: near(:)                 !! samples predicted near it
       real(wp), intent(out), contiguous :: sums(:)    !! (point)
-      real(wp) :: residual(size(fit%residual, 1))     ! (rank)
-      integer :: before(size(fit%n_below, 1))         ! (part) samples before those near
-      integer :: first, m
+      integer, parameter :: n_parts = 512
+      integer :: before(n_parts)   ! (part) samples before those near to its middle
+      integer :: ranking(law%last - law%first + 1)           ! (rank) samples of the law
+      real(wp), dimension(size(ranking)) :: place, residual  ! (rank) place of the prediction
+      real(wp) :: least, parts_per_unit
+      integer :: first, k, m, n
 
-      residual = fit%residual(fit%ranking(:, o), o) - sum(fit%residual(:, o))/size(residual)
-      before = max(0, min(fit%n_below(:, o) - size(near)/2, size(residual) - size(near)))
+      n = size(ranking)
+      ranking = law%first - 1 + sort_order(fit%predicted(law%first:law%last, o))
+      residual = fit%residual(ranking, o)
+      residual = residual - sum(residual)/n
+      place = fit%predicted(ranking, o)
+      least = place(1)
+      parts_per_unit = n_parts/max(place(n) - least, sqrt(tiny(least)))
+      place = (place - least)*parts_per_unit
+      m = 0
+      do k = 1, n_parts
+         do while (m < n)
+            if (place(m + 1) > k - 0.5_wp) exit
+            m = m + 1
+         end do
+         before(k) = max(0, min(m - size(near)/2, n - size(near)))
+      end do
       do first = 0, size(values) - 1, size(near)   ! takes them in turn
          do m = 1, min(size(near), size(values) - first)
             sums(first + m) = values(first + m) &
@@ -189,16 +214,14 @@ contains
          end do
       end do
       first = before(part_of(of_fit))
-      near = fit%ranking(first + 1:first + size(near), o)
+      near = ranking(first + 1:first + size(near))
 
    contains
 
       pure integer function part_of(value)
          real(wp), intent(in) :: value
-         real(wp) :: place
 
-         place = (value - fit%least(o))*fit%parts_per_unit(o)
-         part_of = 1 + int(max(0.0_wp, min(place, size(before) - 1.0_wp)))
+         part_of = 1 + int(max(0.0_wp, min((value - least)*parts_per_unit, n_parts - 1.0_wp)))
       end function part_of
 
    end subroutine add_residuals_near

@@ -4,9 +4,9 @@ module statistics_scalars
    use core_error, only: error_type
    use core_kinds, only: wp
    use statistics_blend, only: combine
-   use statistics_estimates, only: estimates_type, inverse_density, nonnegative_statistic, &
-                                   plain_deviation, plain_mean, plain_percentile, statistic_type, &
-                                   normal_95, sort_percentiles, upward_error
+   use statistics_estimates, only: estimates_type, nonnegative_statistic, plain_deviation, &
+                                   plain_mean, plain_percentile, statistic_type, normal_95, &
+                                   sort_percentiles, upward_error
    use statistics_influences, only: case_law_type, extrapolation_of, prepare_law, &
                                     prepare_thin_points, tail_ratio
    use statistics_kernel_choice, only: choose_kernel
@@ -143,9 +143,8 @@ contains
                                           transform(plain(:, 1 + p, case_number)%value, &
                                                     is_fraction))
                do i = 1, n_numbers   ! leaving a point out moves a percentile by 1/density
-                  point_influence(:, i) = merge(-inverse_density(sampled%influence(:, i), &
-                                                                 law%n_samples, share_below(p)), &
-                                                0.0_wp, values(:, i) <= fitted%value(i))
+                  point_influence(:, i) = merge(-fitted%inverse_density(i), 0.0_wp, &
+                                                values(:, i) <= fitted%value(i))
                end do
                call error_of_points(law, point_influence, point_error)
                call combine(law, point_error, fitted, sampled, least_share, blended)

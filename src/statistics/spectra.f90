@@ -8,9 +8,9 @@ module statistics_spectra
    use numerics_elementary, only: exponentiate
    use numerics_sorting, only: sort_order
    use statistics_blend, only: combine, state_error
-   use statistics_estimates, only: downward_error, estimates_type, inverse_density, &
-                                   nonnegative_statistic, plain_mean, plain_percentile, &
-                                   statistic_type, normal_95, sort_percentiles, upward_error
+   use statistics_estimates, only: downward_error, estimates_type, nonnegative_statistic, &
+                                   plain_mean, plain_percentile, statistic_type, normal_95, &
+                                   sort_percentiles, upward_error
    use statistics_influences, only: case_law_type, extrapolation_of, prepare_law, &
                                     prepare_thin_points, tail_ratio
    use statistics_kernel_choice, only: choose_kernel
@@ -210,8 +210,8 @@ contains
                                                least_density)))
             call law_percentile(surrogate, fits(k), law, values(:, :n), tail, p, fitted)
             do o = 1, n   ! leaving a point out moves a percentile by 1/density
-               averaged(:, o) = merge(-inverse_density(sampled%influence(:, o), law%n_samples, p), &
-                                      0.0_wp, values(:, o) <= fitted%value(o))
+               averaged(:, o) = merge(-fitted%inverse_density(o), 0.0_wp, &
+                                      values(:, o) <= fitted%value(o))
             end do
             call error_of_points(law, averaged(:, :n), point_error)
             call combine(law, point_error, fitted, sampled, &

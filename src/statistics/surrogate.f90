@@ -6,7 +6,6 @@ module statistics_surrogate
    use core_error, only: error_type
    use core_kinds, only: wp
    use numerics_lapack, only: find_symmetric_eigenvectors, multiply
-   use numerics_sorting, only: sort_order
    use statistics_kernel, only: kernel_diagonal, kernel_rows, kernel_type
    implicit none(type, external)
    private
@@ -17,7 +16,6 @@ module statistics_surrogate
    integer, parameter, public :: most_landmarks = 160
    !> kappa is computed for 4 outputs of a fit, from the pairs of 64 samples with all
    integer, parameter, public :: most_pair_outputs = 4, most_pair_samples = 64
-   integer, parameter :: n_parts = 512   !! parts of the range of an output's predictions
    real(wp), parameter :: smallest_eigenvalue = 1.0e-10_wp   !! eigenvalue of K over the largest
    integer, parameter, public :: n_ratios = 13
    real(wp), parameter, public :: noise_ratios(n_ratios) = &
@@ -52,10 +50,6 @@ module statistics_surrogate
       real(wp), allocatable :: residual(:, :)      !! (sample, output) e_i, leave-one-out
       real(wp), allocatable :: one_minus_h(:, :)   !! (sample, output) 1 - h_ii
       real(wp), allocatable :: predicted(:, :)     !! (sample, output) y_i - e_i
-      integer, allocatable :: ranking(:, :)        !! (rank, output) samples, ascending in predicted
-      integer, allocatable :: n_below(:, :)        !! (part, output) samples below its middle
-      !> (output) least prediction, parts of the range of predictions in a unit of the output
-      real(wp), allocatable :: least(:), parts_per_unit(:)
       integer, allocatable :: pair_outputs(:)      !! outputs whose kappa is computed
       integer, allocatable :: pair_samples(:)      !! samples whose pairs with all are used
       !> (sample j, pair sample i, pair output): change of e_i by leaving out j also, and of e_j by
@@ -229,37 +223,8 @@ contains
       fit%one_minus_h = 1.0_wp - (fit%one_minus_h + 1.0_wp/n)
       fit%residual = (y - fit%residual)/fit%one_minus_h
       fit%predicted = outputs - fit%residual
-      call rank_predictions(fit)
       call find_pairs(surrogate, fit)
    end subroutine fit_outputs
-
-   !> Sorts the predictions of each output, and counts those below the middles of equal parts of
-   !> their range.
-   pure subroutine rank_predictions(fit)
-      type(fit_type), intent(inout) :: fit
-      real(wp) :: place(size(fit%predicted, 1))   ! (rank) in parts
-      integer :: k, m, n, n_out, o
-
-      n = size(fit%predicted, 1)
-      n_out = size(fit%predicted, 2)
-      allocate (fit%ranking(n, n_out), fit%n_below(n_parts, n_out))
-      allocate (fit%least(n_out), fit%parts_per_unit(n_out))
-      do o = 1, n_out
-         fit%ranking(:, o) = sort_order(fit%predicted(:, o))
-         place = fit%predicted(fit%ranking(:, o), o)
-         fit%least(o) = place(1)
-         fit%parts_per_unit(o) = n_parts/max(place(n) - place(1), sqrt(tiny(1.0_wp)))
-         place = (place - place(1))*fit%parts_per_unit(o)
-         m = 0
-         do k = 1, n_parts
-            do while (m < n)
-               if (place(m + 1) > k - 0.5_wp) exit
-               m = m + 1
-            end do
-            fit%n_below(k, o) = m
-         end do
-      end do
-   end subroutine rank_predictions
 
    !> Computes the changes of the residuals by leaving out a second sample: e_i becomes
    !> (e_i + h_ij e_j/(1 - h_i))/(1 - h_ij^2/((1 - h_i)(1 - h_j))), with the leverages
