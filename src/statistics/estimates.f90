@@ -85,13 +85,16 @@ contains
    !> Percentile over the samples, interpolated between order statistics (Hyndman and Fan, type 7).
    !> The rank has the standard deviation r = sqrt(p (1 - p) n) of the binomial law. The density
    !> follows from the order statistics r ranks below and above; the interval ends at those 1.96 r
-   !> ranks away or, without such samples, 1.96 standard errors times Student's factor away.
+   !> ranks away or, without such samples, 1.96 standard errors times Student's factor away. Where
+   !> the rank's scatter leaves the samples they do not show the density: the error on this side
+   !> reaches to the tolerance limit of a normal law.
    pure type(estimates_type) function plain_percentile(y, p, ranking) result(plain)
       real(wp), intent(in) :: y(:, :)   !! (sample, output)
       real(wp), intent(in) :: p         !! share of the law below the percentile
       integer, intent(in), optional :: ranking(:, :)   !! (rank, output) samples; else computed
-      real(wp) :: sorted(size(y, 1)), factor, rank, shift, scatter, slope
-      logical :: has_ends(2)   ! order statistics exist where the interval ends
+      real(wp) :: sorted(size(y, 1)), factor, rank, reach(2), shift, scatter, slope
+      logical :: has_ends(2)      ! order statistics exist where the interval ends
+      logical :: has_density(2)   ! and one scatter of the rank away
       integer :: n, o
 
       n = size(y, 1)
@@ -101,6 +104,7 @@ contains
       scatter = sqrt(p*(1.0_wp - p)*n)
       shift = min(scatter, rank - 1.0_wp, n - rank)
       has_ends = [rank - normal_95*scatter >= 1.0_wp, rank + normal_95*scatter <= n]
+      has_density = [rank - scatter >= 1.0_wp, rank + scatter <= n]
       do o = 1, size(y, 2)
          if (present(ranking)) then
             sorted = y(ranking(:, o), o)
@@ -123,6 +127,14 @@ contains
          plain%stretch(:, o) = max(least_stretch, merge(factor, 1.0_wp, has_ends) &
                                    *[slope_between(sorted, rank - normal_95*scatter, rank), &
                                      slope_between(sorted, rank, rank + normal_95*scatter)]/slope)
+         if (all(has_density)) cycle
+         reach = [-1.0_wp, 1.0_wp]*(tolerance_limits(sorted, p) - plain%value(o)) &
+                 /(normal_95*stated_error(plain%influence(:, o), 0.0_wp, n))
+         plain%stretch(:, o) = merge(plain%stretch(:, o), max(plain%stretch(:, o), reach), &
+                                     has_density)
+         factor = max(1.0_wp, maxval(reach, mask=.not. has_density))
+         plain%influence(:, o) = factor*plain%influence(:, o)
+         plain%stretch(:, o) = max(least_stretch, plain%stretch(:, o)/factor)
       end do
    end function plain_percentile
 
@@ -144,22 +156,33 @@ contains
       real(wp), intent(in) :: p           !! share of the law below the percentile
       logical, intent(in) :: is_upper
       type(estimates_type) :: root
-      real(wp) :: centre, limit, shift, scatter
+      real(wp) :: limits(2), shift
       integer :: i, n
 
       n = size(sorted)
       root = plain_percentile(reshape(sqrt(sorted), [n, 1]), p, reshape([(i, i=1, n)], [n, 1]))
       shift = normal_95*stated_error(root%influence(:, 1), 0.0_wp, n)
-      centre = sum(sqrt(sorted))/n
-      scatter = sqrt(sum((sqrt(sorted) - centre)**2)/(n - 1))
-      limit = scatter*tolerance_factor(n, merge(p, 1.0_wp - p, is_upper))
+      limits = tolerance_limits(sqrt(sorted), p)
       if (is_upper) then
-         value = max(sorted(n), max(root%value(1) + shift*root%stretch(2, 1), centre + limit)**2)
+         value = max(sorted(n), max(root%value(1) + shift*root%stretch(2, 1), limits(2))**2)
       else
          value = min(sorted(1), max(0.0_wp, min(root%value(1) - shift*root%stretch(1, 1), &
-                                                centre - limit))**2)
+                                                limits(1)))**2)
       end if
    end function limit_beyond_samples
+
+   !> Lower and upper tolerance limit of a normal law for the share p below a percentile.
+   pure function tolerance_limits(values, p) result(limits)
+      real(wp), intent(in) :: values(:), p
+      real(wp) :: limits(2)
+      real(wp) :: centre, scatter
+
+      associate (n => size(values))
+         centre = sum(values)/n
+         scatter = sqrt(sum((values - centre)**2)/(n - 1))
+         limits = centre + scatter*[-tolerance_factor(n, 1.0_wp - p), tolerance_factor(n, p)]
+      end associate
+   end function tolerance_limits
 
    !> Factor k of a one-sided normal tolerance limit: a share p of the law lies below mean + k std,
    !> both of n values, with probability 0.975 (Natrella 1963, 2-13). For n = 2 that of 3.
