@@ -11,7 +11,7 @@ module process_positive_fit
    use numerics_constrained_maximum, only: restore_constraints
    use process_direct_fit, only: fit_unconstrained, integer_signs
    use process_direct_sign_sequence, only: sequence_solution
-   use process_model, only: process_model_type, process_request
+   use process_model, only: gaussian_entropy, process_model_type, process_request
    use process_positive_description, only: compare_laws, describe_evaluation, &
                                            describe_far_from_zero, describe_solution
    use process_positive_first_order, only: describe_first_order, match_first_order
@@ -21,9 +21,10 @@ module process_positive_fit
    use process_positive_search, only: follow_from_order_1, follow_unconstrained
    use process_positive_sign_search, only: multipliers_of, search_signs
    use process_positive_signs, only: search_finer
+   use process_positive_truncated_normal, only: fit_truncated_normal, hazard_ratio, log_acceptance
    implicit none(type, external)
    private
-   public :: fit_positive, predict_positive
+   public :: alternating_bound, fit_positive, predict_positive
 
    integer, parameter :: final_steps = 4096    !! steps of a batch for the solution
    integer, parameter :: most_refinement = 16  !! largest factor by which errors raise that number
@@ -86,8 +87,8 @@ contains
                                            ' has such a process'
    end subroutine name_lower_order
 
-   !> Solves the request on simulated values: on the branch of the unconstrained process or, if that
-   !> fails, on the alternating one. If some K(m) have changed their sign, takes the branch of the
+   !> Solves the request on simulated values: on the branch of the unconstrained process and, where
+   !> that fails or has less entropy than the alternating one can have, on that one too. Takes the
    !> larger entropy.
    subroutine fit_sampled(request, seed, model, error)
       type(process_request), intent(in) :: request
@@ -96,7 +97,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(process_model_type) :: other
       type(error_type), allocatable :: failure
-      type(sampled_objective) :: search
+      type(sampled_objective) :: search, second
       real(wp) :: unused
 
       other = model
@@ -106,35 +107,62 @@ contains
          call follow_unconstrained(request, seed, search, error)
       end if
       if (.not. allocated(error)) call finish_fit(request, search, model, error)
-      if (.not. allocated(error)) then
-         if (model%branch /= 'mixed') return
+      if (may_be_alternating(request, search, model, error)) then
+         call follow_from_order_1(request, seed, .true., second, unused, failure)
+         if (.not. allocated(failure)) call finish_fit(request, second, other, failure)
+         if (allocated(failure)) then
+            if (allocated(error)) error%message = error%message//'; '//failure%message
+         else if (allocated(error) .or. other%entropy > model%entropy) then
+            if (allocated(error)) deallocate (error)
+            model = other
+            search = second
+         end if
       end if
-      if (.not. may_search_alternating(request, search, error)) return
-      search%effort = 0.0_wp
-      call follow_from_order_1(request, seed, .true., search, unused, failure)
-      if (.not. allocated(failure)) call finish_fit(request, search, other, failure)
-      if (allocated(failure)) then
-         if (allocated(error)) error%message = error%message//'; '//failure%message
-      else if (allocated(error)) then
-         deallocate (error)
-         model = other
-      else if (other%entropy > model%entropy) then
-         model = other
-      end if
+      if (allocated(error)) return
+      if (allocated(search%last%a)) call compare_laws(search, model)
    end subroutine fit_sampled
 
-   !> True if the alternating branch is to be searched after the other one ended with `error`.
-   pure logical function may_search_alternating(request, search, error)
+   !> True if the alternating branch is to be searched after the other one ended with `error` or
+   !> with less entropy than the bound of alternating processes.
+   logical function may_be_alternating(request, search, model, error) result(is_so)
       type(process_request), intent(in) :: request
       type(sampled_objective), intent(in) :: search   !! search on the other branch
+      type(process_model_type), intent(in) :: model   !! its solution
       type(error_type), allocatable, intent(in) :: error
+      real(wp), parameter :: least = 1.0e-4_wp, most = 1.0e-3_wp   ! lack of entropy that shows
+      real(wp), parameter :: certain = 2.0_wp                      ! the same in standard errors
 
-      may_search_alternating = request%branch == 'any' .and. &
-                               request%method == 'autoregressive' .and. &
-                               request%correlation /= 'both' .and. was_searched(request, search)
-      if (allocated(error)) &
-         may_search_alternating = may_search_alternating .and. error%exit_code == exit_no_solution
-   end function may_search_alternating
+      is_so = request%branch == 'any' .and. request%method == 'autoregressive' .and. &
+              request%correlation /= 'both' .and. was_searched(request, search)
+      if (.not. is_so) return
+      if (allocated(error)) then
+         is_so = error%exit_code == exit_no_solution
+      else
+         is_so = alternating_bound(request) - model%entropy > &
+                 max(least, min(certain*model%entropy_error, most))
+      end if
+   end function may_be_alternating
+
+   !> Entropy of independent positive values of this mean and std, less what the correlation costs a
+   !> Gaussian process, with an allowance [nat]. No alternating process is known to have more.
+   real(wp) function alternating_bound(request) result(bound)
+      type(process_request), intent(in) :: request
+      real(wp), parameter :: allowance = 2.0_wp   ! largest known excess: 1.7 (L0 = 10, order 2)
+      type(process_model_type) :: unconstrained
+      type(error_type), allocatable :: error
+      real(wp) :: c, cost, independent, mu, sigma
+
+      bound = huge(bound)
+      call fit_truncated_normal(request%mean, request%std, mu, sigma, error)
+      if (.not. allocated(error)) call fit_unconstrained(request, unconstrained, error)
+      if (allocated(error)) return
+      c = mu/sigma
+      independent = gaussian_entropy(sigma) + log_acceptance(c) - 0.5_wp*c*hazard_ratio(c)
+      associate (gaussian => gaussian_entropy(request%std))
+         cost = gaussian - unconstrained%entropy
+         bound = independent - cost + allowance*cost**2*(gaussian - independent)
+      end associate
+   end function alternating_bound
 
    !> True if the branch of the unconstrained process was searched, or has no process of this
    !> std/mean; false if too many lags count for a search.
@@ -184,7 +212,7 @@ contains
          ! the direct method has other signs left than those of the unconstrained process
          has_others = request%method == 'direct' .and. request%branch == 'any' .and. &
                       was_searched(request, search)
-         if (may_search_alternating(request, search, error) .and. &
+         if (may_be_alternating(request, search, model, error) .and. &
              .not. (search%is_exhausted() .or. has_first_order)) then
             call follow_from_order_1(request, seed, .true., search, unused, refusal)
             if (allocated(refusal)) then
@@ -282,7 +310,6 @@ contains
          call search_finer(search, is_finer)
          if (.not. is_finer) return
       end do
-      if (allocated(search%last%a)) call compare_laws(search, model)
       model%optimality = search%found%residual
       if (request%method /= 'direct') return
       call multipliers_of(search, model%b0, solution, model%optimality)

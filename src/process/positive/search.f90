@@ -238,6 +238,9 @@ contains
       if (search%is_exhausted()) then
          reason = 'the search was given up after '//to_text(nint(1.0e-6_wp*search%effort))// &
                   ' million simulated values, its bound'
+         if (search%problem%decay > 0.0_wp) &
+            reason = reason//' (where the memory grows without bound along this branch, no '// &
+                     'process has the largest entropy: ask for less std/mean or length)'
       else if (.not. limit > 0.0_wp) then
          reason = 'nothing was found on '//branch
       else if (limit < search%problem%ratio) then
