@@ -82,7 +82,7 @@ def test_table_2_has_the_means_at_random_friction_beside_it():
         case.data["slip_mean_error"] = ("joint", np.full(5, 0.03))
         case.data["slip_mean_time_error"] = ("joint", np.full(5, 0.01))
     rows = {row[0]: row[1:] for row in table_slip(study).rows}
-    cells = rows[f"variance {LOW:g}, mean at random friction, std 0.067"]
+    cells = rows[f"variance {LOW:g} N², mean at random friction, std 0.067"]
     assert cells[0] == "5.0(20)"  # 3/sqrt(3) points of three lengths, 1 of their one record
 
 
@@ -94,7 +94,7 @@ def test_forces_and_given_friction_are_named():
     cases[2].data["friction"][0, 4] = 0.3
     table = table_slip(results_of(cases))
     assert {row[0] for row in table.rows} >= {
-        f"variance {LOW:g}", "2 N at 0.5 Hz", "force factor 3",
+        f"variance {LOW:g} N²", "2 N at 0.5 Hz", "force factor 3",
     }  # fmt: skip
     assert table.note.startswith("Friction 0.2 (process%mean).")
     assert cases[2].given_friction == "friction from 0.2 to 0.3 (process%mean)"
@@ -105,7 +105,7 @@ def test_forces_and_given_friction_are_named():
     joints = table_joints(cases, slip)
     assert joints.title.endswith("[%], deterministic friction")
     assert [name.split(": ")[-1] for name in joints.header[1:]] == [
-        f"variance {LOW:g}", "2 N at 0.5 Hz", "force factor 3",
+        f"variance {LOW:g} N²", "2 N at 0.5 Hz", "force factor 3",
     ]  # fmt: skip
 
 
