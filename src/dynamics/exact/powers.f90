@@ -9,8 +9,13 @@ module dynamics_exact_powers
    private
    public :: power_operator, add_power, find_powers
 
+   !> Options of the compiler: -march=native is followed by all that it stands for.
+   character(*), parameter :: options = compiler_options()
+   logical, parameter :: has_avx512 = index(options, '-mavx512f ') > 0 .or. &
+                                      index(options, '=skylake-avx512 ') > 0 .or. &
+                                      index(options, '=x86-64-v4 ') > 0
    !> Lanes of a sum. Three rows of them fill 12 registers: AVX2 has 16, AVX-512 has 32.
-   integer, parameter :: lanes = merge(32, 16, index(compiler_options(), '-mavx512f ') > 0)
+   integer, parameter :: lanes = merge(32, 16, has_avx512)
 
    !> Rows of one power k + 2 that are found together. Places are those of joint_paths; those of
    !> powers 0 and 1 alternate from part to part (exchange_ends).
