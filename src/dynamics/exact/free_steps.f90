@@ -29,14 +29,16 @@ contains
 
       turn = merge(0, 1, paths%layer(0) == 0)
       associate (x => paths%x, last => series%degree - 2, powers => series%powers)
-         if (series%n_links == 0) call find_powers(powers, 0, last, turn, paths%stiffness, &
-                                                   paths%pull, paths%places)
-         do k = 0, merge(last, -1, series%n_links > 0)
-            call find_powers(powers, k, k, turn, paths%stiffness, paths%pull, paths%places)
-            call add_link_forces(paths%n_padded, series, k, x(1, 1, paths%layer(k)), &
-                                 paths%stiffness, paths%pull, x(1, 1, k + 2))
-            call find_link_paths(paths%n_padded, series, x(1, 1, k + 2))
-         end do
+         if (series%n_links == 0) then
+            call find_powers(powers, 0, last, turn, paths%stiffness, paths%pull, paths%places)
+         else
+            do k = 0, last
+               call find_powers(powers, k, k, turn, paths%stiffness, paths%pull, paths%places)
+               call add_link_forces(paths%n_padded, series, k, x(1, 1, paths%layer(k)), &
+                                    paths%stiffness, paths%pull, x(1, 1, k + 2))
+               call find_link_paths(paths%n_padded, series, x(1, 1, k + 2))
+            end do
+         end if
       end associate
    end subroutine expand_series
 
