@@ -179,9 +179,9 @@ contains
          error_x = max(error_x, sqrt(sum((x(:, i) - exact(i, :))**2)/sum(exact(i, :)**2)))
       end do
       missed = sum(starts) + sum(stops) - &
-               int(sum(state%slip_starts(:, 1) + state%stick_starts(:, 1)))
+               int(sum(state%account(:, 1)%slip_starts + state%account(:, 1)%stick_starts))
       print '(a, 2x, a20, f9.1, 3es11.2, i7)', case, setting, nanoseconds, error_x, &
-         maxval(abs(state%slip_time(:, 1)/(marcher%dt*ubound(force, 1)) - slip)), &
+         maxval(abs(state%account(:, 1)%slip_time/(marcher%dt*ubound(force, 1)) - slip)), &
          error_of_spectrum(spectrum_of_first(marcher, chain, force, finer)), missed
    end subroutine report
 
@@ -244,7 +244,7 @@ contains
             call new_newmark(chain, dt, 15, 0.25_wp, 0.5_wp, newmark, error)
             call time_march(newmark, chain, force(:n_steps, :), stride, state, x, nanoseconds)
          end if
-         events = real(sum(state%slip_starts + state%stick_starts), wp)/ &
+         events = real(sum(state%account%slip_starts + state%account%stick_starts), wp)/ &
                   (real(n_steps, wp)*n_samples)
          print '(i5, f10.1, f9.4)', sizes(k), nanoseconds, events
       end do
@@ -298,7 +298,8 @@ contains
       state%keeps_ledger = .true.
       call time_march(event, structure, force(:n_steps, :), stride, state, x, with_ledger)
       print '(2i5, a10, f10.1, f9.4, f10.1)', n, m, kind, nanoseconds, &
-         real(sum(state%slip_starts + state%stick_starts), wp)/(real(n_steps, wp)*n_samples), &
+         real(sum(state%account%slip_starts + state%account%stick_starts), wp) &
+         /(real(n_steps, wp)*n_samples), &
          with_ledger
    end subroutine march_dense
 

@@ -72,7 +72,7 @@ contains
       defect = 0.0_wp
       if (.not. keeps_ledger) return
       call count_open_slips(chain, state%step*marcher%dt, state)
-      work = state%work_viscous + sum(state%slip_limit*state%slip_distance, 1)
+      work = state%work_viscous + sum(state%slip_limit*state%account%slip_distance, 1)
       defect = maxval(abs(state%work_input - work - stored_energy(chain, state))/work)
    end subroutine time_march
 

@@ -125,15 +125,15 @@ contains
       march%is_measuring = .true.
       associate (state => march%state)
          call count_open_slips(runner%plan%structure, state%step*runner%plan%integration%dt, state)
-         state%slip_time = 0.0_wp
-         state%slip_distance = 0.0_wp
-         state%slip_starts = 0
-         state%stick_starts = 0
+         state%account%slip_time = 0.0_wp
+         state%account%slip_distance = 0.0_wp
+         state%account%slip_starts = 0
+         state%account%stick_starts = 0
          state%work_input = 0.0_wp
          state%work_viscous = 0.0_wp
          march%energy_before = stored_energy(runner%plan%structure, state)
          march%span = 1
-         march%slip_before = state%slip_time
+         march%slip_before = state%account%slip_time
          if (march%kept%slip) &
             allocate (result%slip_series(state%n_joints, count_spans(runner%plan%integration), &
                                          state%n_samples))
@@ -241,7 +241,7 @@ contains
       type(block_result), intent(inout) :: result
       integer :: first
 
-      associate (integration => runner%plan%integration, slip_time => march%state%slip_time)
+      associate (integration => runner%plan%integration, slip_time => march%state%account%slip_time)
          if (step < end_of_span(integration, march%span)) return
          first = end_of_span(integration, march%span - 1)
          call count_open_slips(runner%plan%structure, step*integration%dt, march%state)
@@ -290,13 +290,13 @@ contains
 
       associate (state => march%state, kept => march%kept, integration => runner%plan%integration)
          duration = integration%dt*(integration%n_steps - integration%n_discard)
-         result%slip_fraction = state%slip_time/duration
+         result%slip_fraction = state%account%slip_time/duration
          if (kept%slip .and. count_spans(integration) >= fewest_spans) &
             result%slip_fraction_error = errors_of_averages(result%slip_series)
-         result%slip_starts = state%slip_starts
-         result%stick_starts = state%stick_starts
-         result%slip_distance = state%slip_distance
-         result%dissipation = state%slip_limit*state%slip_distance
+         result%slip_starts = state%account%slip_starts
+         result%stick_starts = state%account%stick_starts
+         result%slip_distance = state%account%slip_distance
+         result%dissipation = state%slip_limit*state%account%slip_distance
          if (kept%transitions) call move_alloc(state%transitions, result%transitions)
          if (kept%energy) then
             result%energy_input = state%work_input

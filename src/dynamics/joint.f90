@@ -6,7 +6,7 @@
 !> force does not drift. The marchers evaluate these guards for many samples at a time.
 module dynamics_joint
    use core_kinds, only: wp
-   use dynamics_response, only: block_state
+   use dynamics_response, only: block_state, slip_account
    use structure_model, only: structure_type
    implicit none(type, external)
    private
@@ -44,10 +44,12 @@ contains
       integer :: starts
 
       starts = abs(direction)
-      call count_slip(state, joint, sample, time, place, 1.0_wp - starts)
-      state%direction(joint, sample) = direction
-      state%slip_starts(joint, sample) = state%slip_starts(joint, sample) + starts
-      state%stick_starts(joint, sample) = state%stick_starts(joint, sample) + (1 - starts)
+      associate (account => state%account(joint, sample))
+         call count_slip(account, time, place, 1.0_wp - starts)
+         account%direction = direction
+         account%slip_starts = account%slip_starts + starts
+         account%stick_starts = account%stick_starts + (1 - starts)
+      end associate
       if (state%keeps_transitions) call state%transitions(sample)%append(time, joint, direction)
    end subroutine enter_transition
 
@@ -60,23 +62,23 @@ contains
 
       do w = 1, state%n_samples
          do j = 1, state%n_joints
-            if (state%direction(j, w) == 0) cycle
-            call count_slip(state, j, w, time, dot_product(structure%direction(:, j), &
-                                                           state%displacement(:, w)), 1.0_wp)
+            if (state%account(j, w)%direction == 0) cycle
+            call count_slip(state%account(j, w), time, dot_product(structure%direction(:, j), &
+                                                                   state%displacement(:, w)), &
+                            1.0_wp)
          end do
       end do
    end subroutine count_open_slips
 
    !> Adds the way of a joint without friction over a step: that of the cubic through w.x and w.v at
    !> both ends, which turns back once if the velocities have opposite signs.
-   pure subroutine add_frictionless_slip(state, joint, sample, place, speed)
-      type(block_state), intent(inout) :: state
-      integer, intent(in) :: joint, sample
+   pure subroutine add_frictionless_slip(place, speed, account)
       real(wp), intent(in) :: place      !! w.x at the end of the step [m]
       real(wp), intent(in) :: speed(2)   !! w.v at its ends [m/step]
+      type(slip_account), intent(inout) :: account
       real(wp) :: bend, curve, rise, turn   ! w.v = speed(1) + 2 bend t + 3 curve t^2
 
-      rise = place - state%slip_from(joint, sample)
+      rise = place - account%slip_from
       turn = 0.0_wp   ! w.x where it turns back, from the start
       if (speed(1)*speed(2) < 0.0_wp) then
          bend = 3.0_wp*rise - 2.0_wp*speed(1) - speed(2)
@@ -85,27 +87,22 @@ contains
             turn = t*(speed(1) + t*(bend + t*curve))
          end associate
       end if
-      state%slip_distance(joint, sample) = state%slip_distance(joint, sample) &
-                                           + (abs(turn) + abs(rise - turn))
-      state%slip_from(joint, sample) = place
+      account%slip_distance = account%slip_distance + (abs(turn) + abs(rise - turn))
+      account%slip_from = place
    end subroutine add_frictionless_slip
 
    !> Counts a slip from its start, or from when it was last counted, to now. A joint slips in one
    !> direction in between, so that |change of w.x| is the distance.
-   pure subroutine count_slip(state, joint, sample, time, place, share)
-      type(block_state), intent(inout) :: state
-      integer, intent(in) :: joint, sample
+   pure subroutine count_slip(account, time, place, share)
+      type(slip_account), intent(inout) :: account
       real(wp), intent(in) :: time    !! [s]
       real(wp), intent(in) :: place   !! w.x [m]
       real(wp), intent(in) :: share   !! 1; 0 if the joint has been stuck until now
 
-      associate (j => joint, w => sample)
-         state%slip_time(j, w) = state%slip_time(j, w) + share*(time - state%slip_since(j, w))
-         state%slip_distance(j, w) = state%slip_distance(j, w) &
-                                     + share*abs(place - state%slip_from(j, w))
-         state%slip_since(j, w) = time
-         state%slip_from(j, w) = place
-      end associate
+      account%slip_time = account%slip_time + share*(time - account%slip_since)
+      account%slip_distance = account%slip_distance + share*abs(place - account%slip_from)
+      account%slip_since = time
+      account%slip_from = place
    end subroutine count_slip
 
 end module dynamics_joint

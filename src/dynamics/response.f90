@@ -5,7 +5,8 @@ module dynamics_response
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: block_state, march_work, marcher_type, transition_list, start_block, stored_energy
+   public :: block_state, march_work, marcher_type, slip_account, transition_list, start_block, &
+             stored_energy
 
    !> Stick-slip transitions of one sample, in time order.
    type :: transition_list
@@ -16,6 +17,17 @@ module dynamics_response
    contains
       procedure :: append
    end type transition_list
+
+   !> Account of the slip of one joint in one sample.
+   type :: slip_account
+      integer :: direction = 0                 !! of the present slip, +1 or -1; stuck: 0
+      !> [s], [m] total of the slips counted so far; the distance is the sum of |change of w.x|
+      !> during slip, and mu N times the distance is dissipated
+      real(wp) :: slip_time = 0.0_wp, slip_distance = 0.0_wp
+      !> [s], [m] time and w.x up to which the present slip is counted
+      real(wp) :: slip_since = 0.0_wp, slip_from = 0.0_wp
+      integer(long) :: slip_starts = 0_long, stick_starts = 0_long
+   end type slip_account
 
    !> State of samples that are marched side by side. Results of a sample do not depend on the other
    !> samples of its block.
@@ -30,15 +42,8 @@ module dynamics_response
       !> same bits; another march must not continue
       real(wp), allocatable :: internal(:, :)
       real(wp), allocatable :: slider(:, :)             !! z (joint, sample) [m]; force k (w.x - z)
-      integer, allocatable :: direction(:, :)           !! slip +1, -1; stuck 0 (joint, sample)
       real(wp), allocatable :: slip_limit(:, :)         !! mu N (joint, sample) [N]
-      !> (joint, sample) [s], [m] total of the slips counted so far; the distance is the sum of
-      !> |change of w.x| during slip, and mu N times the distance is dissipated
-      real(wp), allocatable :: slip_time(:, :), slip_distance(:, :)
-      !> (joint, sample) [s], [m] time and w.x up to which the present slip is counted
-      real(wp), allocatable :: slip_since(:, :), slip_from(:, :)
-      integer(long), allocatable :: slip_starts(:, :)   !! (joint, sample)
-      integer(long), allocatable :: stick_starts(:, :)  !! (joint, sample)
+      type(slip_account), allocatable :: account(:, :)  !! (joint, sample)
       logical :: keeps_ledger = .false.                 !! True if work is computed
       real(wp), allocatable :: work_input(:)            !! work of the forces (sample) [J]
       real(wp), allocatable :: work_viscous(:)          !! work of the dampers (sample) [J]
@@ -114,11 +119,9 @@ contains
       state = block_state(n_dof=n, n_joints=m, n_samples=w, keeps_ledger=state%keeps_ledger, &
                           keeps_transitions=state%keeps_transitions)
       allocate (state%slip_limit(m, w), source=friction*spread(structure%normal_load, 2, w))
-      allocate (state%direction(m, w), source=merge(0, 1, state%slip_limit > 0.0_wp))
-      allocate (state%displacement(n, w), state%velocity(n, w), state%slider(m, w), &
-                state%slip_time(m, w), state%slip_distance(m, w), state%slip_since(m, w), &
-                state%slip_from(m, w), source=0.0_wp)
-      allocate (state%slip_starts(m, w), state%stick_starts(m, w), source=0_long)
+      allocate (state%account(m, w))
+      state%account%direction = merge(0, 1, state%slip_limit > 0.0_wp)
+      allocate (state%displacement(n, w), state%velocity(n, w), state%slider(m, w), source=0.0_wp)
       allocate (state%work_input(w), state%work_viscous(w), source=0.0_wp)
       allocate (state%transitions(w))
    end subroutine start_block

@@ -106,7 +106,7 @@ contains
 
       do l = 1, paths%n_samples
          w = paths%first_sample + l - 1
-         associate (direction => state%direction(:, w))
+         associate (direction => state%account(:, w)%direction)
             state%slider(:, w) = merge(paths%regime(l, :paths%n_joints, regime_slider), &
                                        slider_at(paths%x(l, paths%row, paths%layer(0)), direction, &
                                                  state%slip_limit(:, w)/joint_stiffness), &
@@ -319,7 +319,7 @@ contains
             if (state%slip_limit(j, w) > 0.0_wp) cycle
             associate (place => paths%x(l, paths%row(j), paths%layer(0)), &
                        after => paths%x(l, paths%row(j), paths%layer(1)))
-               call add_frictionless_slip(state, j, w, place, [speed(l, j), after])
+               call add_frictionless_slip(place, [speed(l, j), after], state%account(j, w))
                speed(l, j) = after
             end associate
          end do

@@ -160,7 +160,7 @@ contains
             self%regime(l, j, regime_slider) = state%slider(j, w)
             self%regime(l, j, regime_reach) = min(state%slip_limit(j, w)/joint_stiffness(j), &
                                                   unlimited)
-            self%regime(l, j, regime_side) = state%direction(j, w)
+            self%regime(l, j, regime_side) = state%account(j, w)%direction
             self%regime(l, j, regime_spring) = self%spring(j)
             call add_joint(self, l, j)
          end do
@@ -180,7 +180,7 @@ contains
       integer :: j, row, sample
 
       sample = self%first_sample + lane - 1
-      before = state%direction(joint, sample)
+      before = state%account(joint, sample)%direction
       after = slip_direction(velocity)*(1 - abs(before))
       associate (slider => self%regime(lane, joint, regime_slider), &
                  reach => self%regime(lane, joint, regime_reach))

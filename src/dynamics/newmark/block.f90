@@ -99,7 +99,7 @@ contains
          call frame%rows%multiply(state%velocity(:, w), block%motion(:frame%n_rows, 2, 0, w))
          call frame%rows%multiply(state%displacement(:, w), block%motion(:frame%n_rows, 3, 0, w))
          do j = 1, m
-            call set_regime(block, j, w, state%direction(j, w), state%slider(j, w))
+            call set_regime(block, j, w, state%account(j, w)%direction, state%slider(j, w))
          end do
          call find_accelerations(block, state, w)
       end do
@@ -113,7 +113,7 @@ contains
 
       do w = 1, block%n_samples
          associate (motion => block%motion(:, :, block%slot(w), w), row => block%frame%row, &
-                    direction => state%direction(:, w))
+                    direction => state%account(:, w)%direction)
             state%velocity(:, w) = motion(:block%frame%n_dof, 2)
             state%displacement(:, w) = motion(:block%frame%n_dof, 3)
             state%slider(:, w) = merge(block%bounds(row, 1, w), &
@@ -235,7 +235,7 @@ contains
       integer :: direction
 
       slider = 0.0_wp
-      direction = merge(outwards, 0, state%direction(j, w) == 0)
+      direction = merge(outwards, 0, state%account(j, w)%direction == 0)
       associate (motion => self%motion(:self%frame%n_rows, :, self%slot(w), w), &
                  bounds => self%bounds(self%frame%row(j), :, w), reach => self%reach(j, w))
          place = motion(self%frame%row(j), 3)
@@ -246,7 +246,7 @@ contains
             speed = motion(self%frame%row(j), 2)
             motion(:, 1) = motion(:, 1) + self%frame%damping_gain(:, j)*speed
             motion(:, 2) = motion(:, 2) - self%frame%velocity_loss(:, j)*speed
-            slider = slider_at(place, state%direction(j, w), reach)
+            slider = slider_at(place, state%account(j, w)%direction, reach)
             do while (abs(place - slider) > reach)   ! by rounding
                slider = nearest(slider, place - slider)
             end do
@@ -291,8 +291,8 @@ contains
                  - matmul(structure%damping, motion(:frame%n_dof, 2)) &
                  - matmul(structure%stiffness, motion(:frame%n_dof, 3))
          do j = 1, self%n_joints
-            pull = state%direction(j, w)*state%slip_limit(j, w)
-            if (state%direction(j, w) == 0) &
+            pull = state%account(j, w)%direction*state%slip_limit(j, w)
+            if (state%account(j, w)%direction == 0) &
                pull = structure%joint_stiffness(j) &
                       *(motion(frame%row(j), 3) - self%bounds(frame%row(j), 1, w))
             force = force - pull*structure%direction(:, j)
@@ -314,8 +314,9 @@ contains
       associate (old => self%slot(w), row => self%frame%row, h => self%step_ticks(w)*self%tick_size)
          do j = 1, self%n_joints
             if (self%reach(j, w) > 0.0_wp) cycle
-            call add_frictionless_slip(state, j, w, self%motion(row(j), 3, 1 - old, w), &
-                                       h*self%motion(row(j), 2, [old, 1 - old], w))
+            call add_frictionless_slip(self%motion(row(j), 3, 1 - old, w), &
+                                       h*self%motion(row(j), 2, [old, 1 - old], w), &
+                                       state%account(j, w))
          end do
       end associate
    end subroutine count_step
