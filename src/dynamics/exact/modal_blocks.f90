@@ -5,7 +5,7 @@
 !> and joints move with its first: it has one port. If C^ couples modes, (q, q') = V p. The block of
 !> a pair of poles a +- i b is [a, b; -b, a], that of two real poles diagonal. Forces drive both
 !> variables and joints move with both: it has two ports. Numbers in brackets are formulas of
-!> docs/exact_march.md.
+!> docs/modal_march.md.
 module dynamics_exact_modal_blocks
    use core_error, only: error_type
    use core_kinds, only: wp

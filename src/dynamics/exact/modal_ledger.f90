@@ -2,7 +2,7 @@
 !>
 !> Both are exact for the motion of the blocks. The dampers take the integral of N(y') minus the
 !> growth of v'v, N(y) = q'C^q + 2 q'q'. The integral is a quadratic form for each block, in p' at
-!> the start and the forces. Numbers in brackets are formulas of docs/exact_march.md.
+!> the start and the forces. Numbers in brackets are formulas of docs/modal_march.md.
 module dynamics_exact_modal_ledger
    use core_kinds, only: wp
    use dynamics_exact_modal_blocks, only: modal_blocks

@@ -5,7 +5,7 @@
 !> stuck: q'' + C^ q' + Omega^2 q = f(t) + S zeta(t), C^ = h Phi' C Phi, Omega = h omega, f the load
 !> and the pull of the sliders at the start of the part, zeta the motion of the sliders since then,
 !> S = h^2 Phi' W k. The path of joint j is u_j = (G q)_j, G = W' Phi. Numbers in brackets are
-!> formulas of docs/exact_march.md.
+!> formulas of docs/modal_march.md.
 module dynamics_exact_modal_operators
    use core_error, only: error_type
    use core_kinds, only: two_pi, wp

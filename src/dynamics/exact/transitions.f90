@@ -5,7 +5,8 @@
 !> falls or is concave over the whole part and is negative at the end, and if the new guard has no
 !> zero in the rest of the part. All others are irregular: their transitions are found one after
 !> another. Conditions are real numbers, positive if they hold, so that loops over a group are
-!> vector operations. Numbers in brackets are the formulas of docs/exact_march.md.
+!> vector operations. Numbers in brackets are the formulas of docs/exact_march.md, with M of
+!> docs/modal_march.md.
 module dynamics_exact_transitions
    use core_kinds, only: wp
    use dynamics_exact_guard_zeros, only: first_transition, no_zero
