@@ -18,6 +18,7 @@ module dynamics_newmark_block
    type :: newmark_trial
       integer :: sample = 0, slot = 0           !! slot of the present motion
       integer :: level = 0, entry = 0           !! h = dt/2^level; entry of the map
+      integer :: step = 0, column = 0           !! step of the force; column before its first force
    end type newmark_trial
 
    !> State of all samples. Rows are those of the frame, padded to whole registers.
@@ -42,7 +43,6 @@ module dynamics_newmark_block
       real(wp), allocatable :: reach(:, :)        !! mu N/k (joint, sample) [m]
       ! buffers
       type(newmark_trial), allocatable :: trials(:)
-      real(wp), allocatable :: change(:, :)         !! (trial, force) change in a step [N]
       integer, allocatable :: list(:)               !! joints
       real(wp), allocatable :: factor(:, :)         !! (joint + 1, joint)
       real(wp), allocatable :: margin(:, :)         !! guards at both ends of a step (row, 0:1)
@@ -88,8 +88,7 @@ contains
       allocate (block%step_ticks(samples), source=shiftl(1_long, max_halvings))
       allocate (block%pattern(samples), block%list(m + 1), source=0)
       allocate (block%trials(samples))
-      allocate (block%change(samples, block%n_forces), block%factor(m + 1, m), &
-                block%margin(rows, 0:1), source=0.0_wp)
+      allocate (block%factor(m + 1, m), block%margin(rows, 0:1), source=0.0_wp)
       call block%memory%reserve(10_long*rows*samples)
       call block%memory%assign_planes([rows, 3, 2*samples], planes)
       block%motion(1:rows, 1:3, 0:1, 1:samples) => planes
@@ -125,26 +124,22 @@ contains
       call count_open_slips(block%frame%structure, state%step*block%dt, state)
    end subroutine store_block
 
-   !> Lists the next trial steps of some samples, with the changes of the forces over them. Map
-   !> entries are n_patterns level + pattern.
-   pure subroutine list_trials(self, sample, n_patterns)
+   !> Lists the next trial steps of some samples.
+   pure subroutine list_trials(self, sample)
       class(newmark_block), intent(inout) :: self
-      integer, intent(in) :: sample(:), n_patterns
-      real(wp) :: ticks_to_share   ! 2^-max_halvings
-      integer :: f, k, level, step
+      integer, intent(in) :: sample(:)
+      integer :: k, level, w
 
-      ticks_to_share = 0.5_wp**self%max_halvings
       do k = 1, size(sample)
-         associate (w => sample(k))
-            level = self%max_halvings - trailz(self%step_ticks(w))
-            self%trials(k) = newmark_trial(w, int(self%slot(w)), level, &
-                                           n_patterns*level + self%pattern(w))
-            step = int(shiftr(self%tick(w), self%max_halvings))
-            do f = 1, self%n_forces
-               associate (force => self%force(step:step + 1, self%column(w) + f))
-                  self%change(k, f) = self%step_ticks(w)*ticks_to_share*(force(2) - force(1))
-               end associate
-            end do
+         w = sample(k)
+         level = self%max_halvings - trailz(self%step_ticks(w))
+         associate (trial => self%trials(k))
+            trial%sample = w
+            trial%slot = int(self%slot(w))
+            trial%level = level
+            trial%entry = (self%max_halvings + 1)*self%pattern(w) + level
+            trial%step = int(shiftr(self%tick(w), self%max_halvings))
+            trial%column = self%column(w)
          end associate
       end do
    end subroutine list_trials

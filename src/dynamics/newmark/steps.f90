@@ -29,10 +29,10 @@ module dynamics_newmark_steps
    type :: newmark_steps
       type(newmark_frame) :: frame
       integer :: max_halvings = 0
-      !> (6, level) factors of a0, a1 in v1; of v0 (h), a0, a1 in x1; (1 - gamma)/gamma
+      !> (7, level) factors of a0, a1 in v1; of v0 (h), a0, a1 in x1; (1 - gamma)/gamma; h/dt
       real(wp), allocatable :: weight(:, :)
       !> (row, column, entry) a1 from a0 and v0 of the dofs, the changes of the forces and, in long
-      !> frames, g (S^-1 W); entry = n_patterns level + pattern, from 0
+      !> frames, g (S^-1 W); entry = (max_halvings + 1) pattern + level, from 0
       real(wp), pointer, contiguous :: map(:, :, :) => null()
       integer :: columns = narrow         !! columns for a0, and for v0
       integer :: n_patterns = 1
@@ -63,11 +63,11 @@ contains
 
       steps%frame = frame
       steps%max_halvings = max_halvings
-      allocate (steps%weight(6, 0:max_halvings))
+      allocate (steps%weight(7, 0:max_halvings))
       do level = 0, max_halvings
          h = dt*0.5_wp**level
          steps%weight(:, level) = [h*(1.0_wp - gamma), h*gamma, h, h**2*(0.5_wp - beta), &
-                                   h**2*beta, (1.0_wp - gamma)/gamma]
+                                   h**2*beta, (1.0_wp - gamma)/gamma, 0.5_wp**level]
       end do
       steps%columns = merge(narrow, frame%n_padded, frame%is_short .and. frame%n_dof <= narrow)
       columns = 2*steps%columns + frame%structure%n_forces
@@ -86,7 +86,7 @@ contains
          is_stuck = [(btest(pattern, j - 1) .or. .not. frame%is_short, j=1, size(is_stuck))]
          stiffness = frame%structure%stuck_stiffness(is_stuck)
          do level = 0, max_halvings
-            call form_map(stiffness, level, steps%n_patterns*level + pattern, beta, gamma, steps, &
+            call form_map(stiffness, level, (max_halvings + 1)*pattern + level, beta, gamma, steps, &
                           error)
             if (allocated(error)) return
          end do
@@ -183,28 +183,32 @@ contains
       integer(long), intent(inout), contiguous :: has_crossed(:)   !! (all samples); only listed set
       integer :: k
 
-      call block%list_trials(sample, self%n_patterns)
+      call block%list_trials(sample)
       if (allocated(self%span)) then
          do k = 1, size(sample)
-            associate (w => block%trials(k)%sample, old => block%trials(k)%slot)
-               call try_long_frame(self, block%trials(k)%level, block%change(k, :), &
+            associate (trial => block%trials(k), w => block%trials(k)%sample, &
+                       old => block%trials(k)%slot)
+               call try_long_frame(self, trial%level, &
+                                   block%force(trial%step:trial%step + 1, &
+                                               trial%column + 1:trial%column + block%n_forces), &
                                    block%bounds(:, :, w), block%motion(:, :, old, w), &
                                    block%motion(:, :, 1 - old, w), block%list, block%factor, &
                                    has_crossed(w))
             end associate
          end do
       else
-         call try_short_frames(size(sample), block%trials, self%weight, self%columns, self%map, &
-                               block%change, block%bounds, block%motion, has_crossed)
+         call try_short_frames(block%trials(:size(sample)), self%weight, block%n_forces, &
+                               size(self%map, 2), self%map, block%force, block%bounds, &
+                               block%motion, has_crossed)
       end if
    end subroutine try_steps
 
    !> Makes a trial step of a long frame: the map with all joints stuck, then the correction for the
    !> slipping ones.
-   pure subroutine try_long_frame(self, level, change, bounds, old, new, list, factor, has_crossed)
+   pure subroutine try_long_frame(self, level, force, bounds, old, new, list, factor, has_crossed)
       type(newmark_steps), intent(in) :: self
       integer, intent(in) :: level
-      real(wp), intent(in) :: change(:)                        !! (force) [N]
+      real(wp), intent(in) :: force(0:, :)                     !! (end of the step, force) [N]
       real(wp), intent(in), contiguous :: bounds(:, :), old(:, :)
       real(wp), intent(inout), contiguous :: new(:, :)
       integer, intent(inout), contiguous :: list(:)            !! buffer
@@ -214,15 +218,16 @@ contains
 
       associate (rows => size(new, 1), columns => 2*self%columns)
          call multiply(rows, columns, self%span(:, :, level), self%map(:, :, level), old, new)
-         do f = 1, size(change)
-            new(:, 1) = new(:, 1) + self%map(:, columns + f, level)*change(f)
+         do f = 1, size(force, 2)
+            new(:, 1) = new(:, 1) + self%map(:, columns + f, level) &
+                        *(self%weight(7, level)*(force(1, f) - force(0, f)))
          end do
          m = 0
          do j = 1, size(factor, 2)   ! without a branch, which could not be predicted
             list(m + 1) = j
             m = m + merge(0, 1, bounds(self%frame%row(j), 4) > 0.0_wp)
          end do
-         call release(self, level, list(:m), old, self%map(:, columns + size(change) + 1:, level), &
+         call release(self, level, list(:m), old, self%map(:, columns + size(force, 2) + 1:, level), &
                       factor, new(:, 1))
          call finish_trial(rows, self%weight(:, level), bounds, old, new, has_crossed)
       end associate
@@ -291,7 +296,7 @@ contains
    !> Finds v1 and x1 from a1, and whether a joint is beyond its limit.
    pure subroutine finish_trial(n, weight, bounds, old, new, has_crossed)
       integer, intent(in) :: n
-      real(wp), intent(in) :: weight(6), bounds(n, 4), old(n, 3)
+      real(wp), intent(in) :: weight(7), bounds(n, 4), old(n, 3)
       real(wp), intent(inout) :: new(n, 3)
       integer(long), intent(out) :: has_crossed
       integer :: i
@@ -317,24 +322,28 @@ contains
    !> Makes the trial steps of short frames: a1 by the maps, then v1 and x1, and whether a joint is
    !> beyond its limit. This kernel takes most of the time: every array has an explicit shape of
    !> whole registers. Rows of the motion: a 1..8, v 9..16, x 17..24.
-   pure subroutine try_short_frames(n_trials, trials, weight, columns, map, change, bounds, &
+   pure subroutine try_short_frames(trials, weight, n_forces, n_columns, map, force, bounds, &
                                     motion, has_crossed)
-      integer, intent(in) :: n_trials, columns
-      type(newmark_trial), intent(in) :: trials(n_trials)
-      real(wp), intent(in) :: weight(6, 0:*), change(:, :)   !! change (try, force)
-      real(wp), intent(in) :: map(rows, 2*columns + size(change, 2), 0:*), bounds(rows, 4, *)
+      type(newmark_trial), intent(in), contiguous :: trials(:)
+      integer, intent(in) :: n_forces, n_columns
+      real(wp), intent(in) :: weight(7, 0:*)
+      real(wp), intent(in), contiguous :: force(0:, :)   !! (step, force, or force and sample) [N]
+      real(wp), intent(in) :: map(rows, n_columns, 0:*), bounds(rows, 4, *)
       real(wp), intent(inout) :: motion(3*rows, 0:1, *)
       integer(long), intent(inout) :: has_crossed(*)
-      real(wp) :: a(rows), rest(rows)
+      real(wp) :: a(rows), change, rest(rows)
       integer(long) :: crossed
-      integer :: e, i, j, k, l, new, old, w
+      integer :: columns, e, f, i, k, l, new, old, w
 
-      do k = 1, n_trials
+      columns = (n_columns - n_forces)/2
+      do k = 1, size(trials)
          e = trials(k)%entry
          l = trials(k)%level
          w = trials(k)%sample
          old = trials(k)%slot
          new = 1 - old
+         f = trials(k)%column + 1
+         change = weight(7, l)*(force(trials(k)%step + 1, f) - force(trials(k)%step, f))
          !$omp simd
          do i = 1, rows
             a(i) = ((map(i, 1, e)*motion(1, old, w) + map(i, 2, e)*motion(2, old, w)) &
@@ -345,7 +354,7 @@ contains
                        + (map(i, columns + 3, e)*motion(rows + 3, old, w) &
                           + map(i, columns + 4, e)*motion(rows + 4, old, w))) &
                       + (map(i, columns + 5, e)*motion(rows + 5, old, w) &
-                         + map(i, 2*columns + 1, e)*change(k, 1))
+                         + map(i, 2*columns + 1, e)*change)
          end do
          if (columns > narrow) then
             !$omp simd
@@ -357,8 +366,10 @@ contains
                                     + map(i, 16, e)*motion(16, old, w))
             end do
          end if
-         do j = 2, size(change, 2)
-            rest = rest + map(:, 2*columns + j, e)*change(k, j)
+         do f = 2, n_forces
+            associate (ends => force(trials(k)%step:trials(k)%step + 1, trials(k)%column + f))
+               rest = rest + map(:, 2*columns + f, e)*(weight(7, l)*(ends(2) - ends(1)))
+            end associate
          end do
          crossed = 0_long
          !$omp simd reduction(ior:crossed)
