@@ -17,7 +17,8 @@ module dynamics_newmark_block
    !> Trial step of a sample.
    type :: newmark_trial
       integer :: sample = 0, slot = 0           !! slot of the present motion
-      integer :: level = 0, entry = 0           !! h = dt/2^level; entry of the map
+      integer :: level = 0, pattern = 0         !! h = dt/2^level; see newmark_block
+      integer :: entry = 0                      !! see newmark_steps
       integer :: step = 0, column = 0           !! step of the force; column before its first force
    end type newmark_trial
 
@@ -43,6 +44,7 @@ module dynamics_newmark_block
       real(wp), allocatable :: reach(:, :)        !! mu N/k (joint, sample) [m]
       ! buffers
       type(newmark_trial), allocatable :: trials(:)
+      real(wp), pointer, contiguous :: push(:, :) => null()   !! (row, trial), see newmark_steps
       integer, allocatable :: list(:)               !! joints
       real(wp), allocatable :: factor(:, :)         !! (joint + 1, joint)
       real(wp), allocatable :: margin(:, :)         !! guards at both ends of a step (row, 0:1)
@@ -89,10 +91,12 @@ contains
       allocate (block%pattern(samples), block%list(m + 1), source=0)
       allocate (block%trials(samples))
       allocate (block%factor(m + 1, m), block%margin(rows, 0:1), source=0.0_wp)
-      call block%memory%reserve(10_long*rows*samples)
+      call block%memory%reserve(11_long*rows*samples)
       call block%memory%assign_planes([rows, 3, 2*samples], planes)
       block%motion(1:rows, 1:3, 0:1, 1:samples) => planes
       call block%memory%assign_planes([rows, 4, samples], block%bounds)
+      call block%memory%assign_planes([rows, samples, 1], planes)
+      block%push(1:rows, 1:samples) => planes
       block%bounds(:, 2, :) = huge(1.0_wp)
       do w = 1, samples
          call frame%rows%multiply(state%velocity(:, w), block%motion(:frame%n_rows, 2, 0, w))
@@ -137,7 +141,8 @@ contains
             trial%sample = w
             trial%slot = int(self%slot(w))
             trial%level = level
-            trial%entry = (self%max_halvings + 1)*self%pattern(w) + level
+            trial%pattern = self%pattern(w)
+            trial%entry = (self%max_halvings + 1)*trial%pattern + level
             trial%step = int(shiftr(self%tick(w), self%max_halvings))
             trial%column = self%column(w)
          end associate

@@ -4,11 +4,11 @@
 !> does, and the constant forces of slipping joints drop out. With
 !>    v1 = v0 + h ((1 - gamma) a0 + gamma a1),  x1 = x0 + h v0 + h^2 ((1/2 - beta) a0 + beta a1)
 !> and S = M + gamma h C + beta h^2 K_s this is
-!>    a1 = S^-1 [b (F1 - F0) + M a0/gamma - h K_s (v0 + h (1/2 - beta/gamma) a0)]
-!>         - (1 - gamma)/gamma a0.
-!> A map has the factors of a0, v0 and F1 - F0. Short frames have one for every pattern. Long frames
-!> have only that with all joints stuck, and correct it by the Woodbury formula: g, the force that
-!> the springs of the slipping joints would gain in the step, is taken back,
+!>    a1 = S^-1 p - (1 - gamma)/gamma a0,
+!>    p = b (F1 - F0) + M a0/gamma - h K_s (v0 + h (1/2 - beta/gamma) a0).
+!> Short frames have K_s and S^-1 for every pattern. Long frames have only those with all joints
+!> stuck, and correct a1 by the Woodbury formula: g, the force that the springs of the slipping
+!> joints would gain in the step, is taken back,
 !>    (1/k - beta h^2 W' S^-1 W) g = W' (x1 - x0),   a1 grows by S^-1 W g.
 module dynamics_newmark_steps
    use core_error, only: error_type
@@ -22,23 +22,33 @@ module dynamics_newmark_steps
    private
    public :: newmark_steps, new_newmark_steps
 
-   integer, parameter :: rows = register_width   !! rows of a short frame
-   integer, parameter :: narrow = 5      !! columns for a0 of up to 5 dofs; of more: whole registers
+   integer, parameter :: rows = register_width   !! rows of a short frame, and of a register
+   integer, parameter :: narrow = 5      !! columns of up to 5 dofs; of more: whole registers
+   integer, parameter :: n_weights = 8
 
-   !> Maps of all levels of halving.
+   !> Matrices of all levels of halving. Rows are those of the frame, columns the dofs, both padded.
    type :: newmark_steps
       type(newmark_frame) :: frame
       integer :: max_halvings = 0
-      !> (7, level) factors of a0, a1 in v1; of v0 (h), a0, a1 in x1; (1 - gamma)/gamma; h/dt
-      real(wp), allocatable :: weight(:, :)
-      !> (row, column, entry) a1 from a0 and v0 of the dofs, the changes of the forces and, in long
-      !> frames, g (S^-1 W); entry = (max_halvings + 1) pattern + level, from 0
-      real(wp), pointer, contiguous :: map(:, :, :) => null()
-      integer :: columns = narrow         !! columns for a0, and for v0
+      integer :: columns = narrow         !! columns of the dofs
       integer :: n_patterns = 1
-      !> Long frames: first and last row that is not negligible in four columns of the map
-      !> (1:2, four, level) and in a column of S^-1 W (1:2, joint, level)
+      logical :: is_lumped = .false.      !! True if M is diagonal
+      !> (1:8, level) factors of a0, a1 in v1; of v0 (h), a0, a1 in x1; (1 - gamma)/gamma; h/dt; h
+      !> (1/2 - beta/gamma)
+      real(wp), allocatable :: weight(:, :)
+      !> (row, column, entry) S^-1 and, in long frames, S^-1 W; entry = (max_halvings + 1) pattern +
+      !> level, from 0
+      real(wp), pointer, contiguous :: inverse(:, :, :) => null()
+      !> (row, column, pattern from 1) K_s; (row, column, 1) M/gamma without its diagonal; (row, :,
+      !> 1) its diagonal, then b of each force
+      real(wp), pointer, contiguous, dimension(:, :, :) :: stiffness => null(), mass => null(), &
+                                                           diagonal => null()
+      !> Long frames: first and last register of rows that are not negligible in four columns of
+      !> S^-1 (1:2, four, level), of K_s and M (1:2, four), in a column of S^-1 W (1:2, joint, level)
       integer, allocatable :: span(:, :, :), gain_span(:, :, :)
+      integer, allocatable :: stiffness_span(:, :), mass_span(:, :)
+      !> Long frames: (joint, joint, level) 1/k - beta h^2 W' S^-1 W
+      real(wp), allocatable :: compliance(:, :, :)
       type(aligned_memory), private :: memory
    contains
       procedure :: try_steps
@@ -47,7 +57,7 @@ module dynamics_newmark_steps
 
 contains
 
-   !> Prepares the maps of all levels and, of a short frame, of all patterns.
+   !> Prepares the matrices of all levels and, of a short frame, of all patterns.
    subroutine new_newmark_steps(frame, dt, max_halvings, beta, gamma, steps, error)
       type(newmark_frame), intent(in) :: frame
       real(wp), intent(in) :: dt                 !! [s]
@@ -55,99 +65,124 @@ contains
       real(wp), intent(in) :: beta, gamma
       type(newmark_steps), intent(out) :: steps
       type(error_type), allocatable, intent(out) :: error
-      real(wp), allocatable :: stiffness(:, :)
-      real(wp), pointer, contiguous :: planes(:, :, :)
       real(wp) :: h
       logical :: is_stuck(frame%structure%n_joints)
-      integer :: columns, entries, j, level, pattern
+      integer :: i, j, level, pattern
 
       steps%frame = frame
       steps%max_halvings = max_halvings
-      allocate (steps%weight(7, 0:max_halvings))
+      steps%is_lumped = frame%structure%has_lumped_mass()
+      allocate (steps%weight(n_weights, 0:max_halvings))
       do level = 0, max_halvings
          h = dt*0.5_wp**level
          steps%weight(:, level) = [h*(1.0_wp - gamma), h*gamma, h, h**2*(0.5_wp - beta), &
-                                   h**2*beta, (1.0_wp - gamma)/gamma, 0.5_wp**level]
+                                   h**2*beta, (1.0_wp - gamma)/gamma, 0.5_wp**level, &
+                                   h*(0.5_wp - beta/gamma)]
       end do
-      steps%columns = merge(narrow, frame%n_padded, frame%is_short .and. frame%n_dof <= narrow)
-      columns = 2*steps%columns + frame%structure%n_forces
-      if (frame%is_short) then
-         steps%n_patterns = 2**frame%structure%n_joints
-      else
-         columns = columns + frame%structure%n_joints
-         allocate (steps%span(2, steps%columns/2, 0:max_halvings), &
-                   steps%gain_span(2, frame%structure%n_joints, 0:max_halvings))
-      end if
-      entries = steps%n_patterns*(max_halvings + 1)
-      call steps%memory%reserve(int(frame%n_padded, long)*columns*entries)
-      call steps%memory%assign_planes([frame%n_padded, columns, entries], planes)
-      steps%map(1:, 1:, 0:) => planes
-      do pattern = 0, steps%n_patterns - 1
-         is_stuck = [(btest(pattern, j - 1) .or. .not. frame%is_short, j=1, size(is_stuck))]
-         stiffness = frame%structure%stuck_stiffness(is_stuck)
-         do level = 0, max_halvings
-            call form_map(stiffness, level, (max_halvings + 1)*pattern + level, beta, gamma, steps, &
-                          error)
-            if (allocated(error)) return
+      call allocate_matrices(steps)
+      associate (n => frame%n_dof, structure => frame%structure)
+         steps%mass(:n, :n, 1) = structure%mass/gamma
+         do i = 1, n
+            steps%diagonal(i, 1, 1) = steps%mass(i, i, 1)
+            steps%mass(i, i, 1) = 0.0_wp
          end do
+         steps%diagonal(:n, 2:, 1) = structure%load
+         do pattern = 0, steps%n_patterns - 1
+            is_stuck = [(btest(pattern, j - 1) .or. .not. frame%is_short, j=1, size(is_stuck))]
+            steps%stiffness(:n, :n, 1 + pattern) = structure%stuck_stiffness(is_stuck)
+            do level = 0, max_halvings
+               call form_inverse(pattern, level, beta, gamma, steps, error)
+               if (allocated(error)) return
+            end do
+         end do
+      end associate
+      if (frame%is_short) return
+      do i = 1, steps%columns/4
+         associate (four => [(j, j=4*i - 3, 4*i)])
+            steps%stiffness_span(:, i) = span_of(any(abs(steps%stiffness(:, four, 1)) > 0.0_wp, 2))
+            steps%mass_span(:, i) = span_of(any(abs(steps%mass(:, four, 1)) > 0.0_wp, 2))
+         end associate
       end do
    end subroutine new_newmark_steps
 
-   !> Forms the map of one pattern and level, and finds the spans of a long frame. Columns beyond
-   !> the dofs stay zero.
-   subroutine form_map(stiffness, level, entry, beta, gamma, steps, error)
-      real(wp), intent(in) :: stiffness(:, :)   !! K_s of the pattern (dof, dof) [N/m]
-      integer, intent(in) :: level, entry
+   !> Allocates all matrices, filled with zeros.
+   subroutine allocate_matrices(steps)
+      type(newmark_steps), intent(inout) :: steps
+      real(wp), pointer, contiguous :: planes(:, :, :)
+      integer :: columns, entries
+
+      associate (frame => steps%frame, structure => steps%frame%structure, n => steps%columns)
+         n = merge(narrow, whole_registers(frame%n_dof), frame%is_short .and. frame%n_dof <= narrow)
+         columns = n
+         if (frame%is_short) then
+            steps%n_patterns = 2**structure%n_joints
+         else
+            columns = n + structure%n_joints
+            allocate (steps%span(2, n/4, 0:steps%max_halvings), steps%stiffness_span(2, n/4), &
+                      steps%mass_span(2, n/4), &
+                      steps%gain_span(2, structure%n_joints, 0:steps%max_halvings), &
+                      steps%compliance(structure%n_joints, structure%n_joints, &
+                                       0:steps%max_halvings))
+         end if
+         entries = steps%n_patterns*(steps%max_halvings + 1)
+         call steps%memory%reserve(int(frame%n_padded, long)*(columns*entries &
+                                                              + n*(1 + steps%n_patterns) &
+                                                              + 1 + structure%n_forces))
+         call steps%memory%assign_planes([frame%n_padded, columns, entries], planes)
+         steps%inverse(1:, 1:, 0:) => planes
+         call steps%memory%assign_planes([frame%n_padded, n, steps%n_patterns], steps%stiffness)
+         call steps%memory%assign_planes([frame%n_padded, n, 1], steps%mass)
+         call steps%memory%assign_planes([frame%n_padded, 1 + structure%n_forces, 1], &
+                                         steps%diagonal)
+      end associate
+   end subroutine allocate_matrices
+
+   !> Forms S^-1 of one pattern and level, and what a long frame needs beside it.
+   subroutine form_inverse(pattern, level, beta, gamma, steps, error)
+      integer, intent(in) :: pattern, level
       real(wp), intent(in) :: beta, gamma
       type(newmark_steps), intent(inout) :: steps
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: inverse(steps%frame%n_dof, steps%frame%n_dof)   ! S^-1
-      real(wp) :: full(steps%frame%n_dof, size(steps%map, 2))
-      real(wp), allocatable :: s(:, :), mobility(:, :)
-      integer :: i
+      real(wp), allocatable :: mobility(:, :), s(:, :)
+      integer :: i, j
 
-      associate (structure => steps%frame%structure, h => steps%weight(3, level), &
-                 n => steps%frame%n_dof, columns => steps%columns, &
-                 map => steps%map(:steps%frame%n_rows, :, entry))
-         s = structure%mass + gamma*h*structure%damping + beta*h**2*stiffness
+      associate (structure => steps%frame%structure, frame => steps%frame, &
+                 h => steps%weight(3, level), n => steps%frame%n_dof, m => steps%frame%n_rows, &
+                 entry => (steps%max_halvings + 1)*pattern + level, columns => steps%columns)
+         s = structure%mass + gamma*h*structure%damping &
+             + beta*h**2*steps%stiffness(:n, :n, 1 + pattern)
          inverse = unit_matrix(n)
          call solve_positive_definite(s, inverse, error)
          if (allocated(error)) return
-         full = 0.0_wp
-         full(:, :n) = matmul(inverse, structure%mass/gamma &
-                              - (h**2*(0.5_wp - beta/gamma))*stiffness)
-         do i = 1, n
-            full(i, i) = full(i, i) - steps%weight(6, level)
-         end do
-         full(:, columns + 1:columns + n) = -h*matmul(inverse, stiffness)
-         associate (first => 2*columns + 1, last => 2*columns + structure%n_forces)
-            full(:, first:last) = matmul(inverse, structure%load)
-            if (.not. steps%frame%is_short) &
-               full(:, last + 1:) = matmul(inverse, structure%direction)
+         associate (rows => steps%inverse(:m, :, entry))
+            rows(:, :n) = frame%rows_of(inverse)
+            if (frame%is_short) return
+            rows(:, columns + 1:) = frame%rows_of(matmul(inverse, structure%direction))
+            mobility = transpose(rows(:, :n))   ! alone, as gfortran 12 needs a copy
+            mobility = frame%rows_of(mobility)
+            do i = 1, columns/4
+               steps%span(:, i, level) = span_of(that_count(rows(:, 4*i - 3:4*i), mobility))
+            end do
+            do j = 1, structure%n_joints
+               associate (gain => rows(:, columns + j:columns + j))
+                  steps%gain_span(:, j, level) = span_of(that_count(gain, mobility))
+                  steps%compliance(:, j, level) = -beta*h**2*gain(frame%row, 1)
+               end associate
+               steps%compliance(j, j, level) = steps%compliance(j, j, level) &
+                                               + 1.0_wp/structure%joint_stiffness(j)
+            end do
          end associate
-         map = steps%frame%rows_of(full)
-         if (steps%frame%is_short) return
-         mobility = transpose(steps%frame%rows_of(inverse))   ! alone, as gfortran 12 needs a copy
-         mobility = steps%frame%rows_of(mobility)
-         do i = 1, columns/2
-            steps%span(:, i, level) = span_of(map(:, 4*i - 3:4*i), mobility)
-         end do
-         do i = 1, structure%n_joints
-            associate (column => size(map, 2) - structure%n_joints + i)
-               steps%gain_span(:, i, level) = span_of(map(:, column:column), mobility)
-            end associate
-         end do
       end associate
-   end subroutine form_map
+   end subroutine form_inverse
 
-   !> First and last row that is not negligible in any of the columns, in whole registers; an empty
-   !> range if all are zero. The other rows change products by less than rounding, in the norm of S.
-   pure function span_of(matrix, mobility) result(span)
+   !> Rows that are not negligible in any of the columns. The others change products by less than
+   !> rounding, in the norm of S.
+   pure function that_count(matrix, mobility) result(counts)
       real(wp), intent(in) :: matrix(:, :)     !! (row, column)
       real(wp), intent(in) :: mobility(:, :)   !! Z S^-1 Z' (row, row)
-      integer :: span(2)
-      real(wp) :: effect(size(matrix, 1))
       logical :: counts(size(matrix, 1))
+      real(wp) :: effect(size(matrix, 1))
       integer :: i, j
 
       counts = .false.
@@ -155,8 +190,15 @@ contains
          effect = [(abs(matrix(i, j))/sqrt(mobility(i, i)), i=1, size(effect))]
          counts = counts .or. effect > epsilon(1.0_wp)/size(effect)*maxval(effect)
       end do
-      span(1) = 1 + register_width*((findloc(counts, .true., 1) - 1)/register_width)
-      span(2) = whole_registers(findloc(counts, .true., 1, back=.true.))
+   end function that_count
+
+   !> First and last register of rows in which a row counts; an empty range if none does.
+   pure function span_of(counts) result(span)
+      logical, intent(in) :: counts(:)   !! (row)
+      integer :: span(2)
+
+      span(1) = 1 + (findloc(counts, .true., 1) - 1)/rows
+      span(2) = whole_registers(findloc(counts, .true., 1, back=.true.))/rows
    end function span_of
 
    !> Work of a step of dt, in multiplications of the exact march (march_work). A transition takes
@@ -167,10 +209,12 @@ contains
       real(wp), parameter :: per_release = 750.0_wp, per_row = 20.0_wp      ! in long frames
       real(wp), parameter :: mean_level = 0.75_wp   ! mean span of all levels over that of level 0
 
-      work%step = per_trial + size(self%map, 1)*size(self%map, 2)
-      if (allocated(self%span)) &
-         work%step = per_trial + per_release + per_row*size(self%map, 1) &
-                     + mean_level*4*sum(self%span(2, :, 0) - self%span(1, :, 0) + 1)
+      associate (n => size(self%inverse, 1))
+         work%step = per_trial + n*(2*self%columns + self%frame%structure%n_forces)
+         if (allocated(self%span)) &
+            work%step = per_trial + per_release + per_row*n &
+                        + mean_level*4*rows*sum(self%span(2, :, 0) - self%span(1, :, 0) + 1)
+      end associate
       work%transition = (1.0_wp + 1.5_wp*self%max_halvings)*work%step + per_switch
    end function work
 
@@ -184,70 +228,105 @@ contains
       integer :: k
 
       call block%list_trials(sample)
-      if (allocated(self%span)) then
-         do k = 1, size(sample)
-            associate (trial => block%trials(k), w => block%trials(k)%sample, &
-                       old => block%trials(k)%slot)
-               call try_long_frame(self, trial%level, &
-                                   block%force(trial%step:trial%step + 1, &
-                                               trial%column + 1:trial%column + block%n_forces), &
-                                   block%bounds(:, :, w), block%motion(:, :, old, w), &
-                                   block%motion(:, :, 1 - old, w), block%list, block%factor, &
-                                   has_crossed(w))
-            end associate
-         end do
-      else
-         call try_short_frames(block%trials(:size(sample)), self%weight, block%n_forces, &
-                               size(self%map, 2), self%map, block%force, block%bounds, &
-                               block%motion, has_crossed)
-      end if
+      associate (trials => block%trials(:size(sample)))
+         if (.not. self%frame%is_short) then
+            do k = 1, size(trials)
+               associate (w => trials(k)%sample, old => trials(k)%slot)
+                  call find_long_push(self, trials(k), block%force, block%motion(:, :, old, w), &
+                                      block%motion(:, :, 1 - old, w))
+                  call try_long_frame(self, trials(k)%level, block%bounds(:, :, w), &
+                                      block%motion(:, :, old, w), block%motion(:, :, 1 - old, w), &
+                                      block%list, block%factor, has_crossed(w))
+               end associate
+            end do
+            return
+         end if
+         call find_pushes(trials, self%weight, self%columns, block%n_forces, self%stiffness, &
+                          self%diagonal, block%force, block%motion, block%push)
+         if (.not. self%is_lumped) call add_coupled_mass(trials, self%columns, self%mass, &
+                                                         block%motion, block%push)
+         call try_short_frames(trials, self%weight, self%columns, self%inverse, block%bounds, &
+                               block%push, block%motion, has_crossed)
+      end associate
    end subroutine try_steps
 
-   !> Makes a trial step of a long frame: the map with all joints stuck, then the correction for the
+   !> Finds p of a trial step of a long frame, in place of its new x.
+   pure subroutine find_long_push(self, trial, force, old, new)
+      type(newmark_steps), intent(in) :: self
+      type(newmark_trial), intent(in) :: trial
+      real(wp), intent(in), contiguous :: force(0:, :)   !! (step, force, or force and sample) [N]
+      real(wp), intent(in), contiguous :: old(:, :)
+      real(wp), intent(inout), contiguous :: new(:, :)
+      real(wp) :: change
+      integer :: f
+
+      associate (weight => self%weight(:, trial%level), registers => size(new, 1)/rows, &
+                 n => self%columns)
+         new(:, 3) = self%diagonal(:, 1, 1)*old(:, 1)
+         do f = 1, self%frame%structure%n_forces
+            change = weight(7)*(force(trial%step + 1, trial%column + f) &
+                                - force(trial%step, trial%column + f))
+            new(:, 3) = new(:, 3) + self%diagonal(:, f + 1, 1)*change
+         end do
+         new(:, 1) = -weight(3)*(old(:, 2) + weight(8)*old(:, 1))
+         call add_product(registers, n, self%stiffness_span, self%stiffness, new(:, 1), new(:, 3))
+         if (.not. self%is_lumped) &
+            call add_product(registers, n, self%mass_span, self%mass, old(:, 1), new(:, 3))
+      end associate
+   end subroutine find_long_push
+
+   !> Makes a trial step of a long frame: a1 with all joints stuck, then the correction for the
    !> slipping ones.
-   pure subroutine try_long_frame(self, level, force, bounds, old, new, list, factor, has_crossed)
+   pure subroutine try_long_frame(self, level, bounds, old, new, list, factor, has_crossed)
       type(newmark_steps), intent(in) :: self
       integer, intent(in) :: level
-      real(wp), intent(in) :: force(0:, :)                     !! (end of the step, force) [N]
       real(wp), intent(in), contiguous :: bounds(:, :), old(:, :)
-      real(wp), intent(inout), contiguous :: new(:, :)
+      real(wp), intent(inout), contiguous :: new(:, :)         !! column 3: p
       integer, intent(inout), contiguous :: list(:)            !! buffer
       real(wp), intent(inout), contiguous :: factor(:, :)      !! buffer
       integer(long), intent(out) :: has_crossed
-      integer :: f, j, m
+      integer :: j, m
 
-      associate (rows => size(new, 1), columns => 2*self%columns)
-         call multiply(rows, columns, self%span(:, :, level), self%map(:, :, level), old, new)
-         do f = 1, size(force, 2)
-            new(:, 1) = new(:, 1) + self%map(:, columns + f, level) &
-                        *(self%weight(7, level)*(force(1, f) - force(0, f)))
-         end do
+      associate (inverse => self%inverse(:, :, level))
+         new(:, 1) = -self%weight(6, level)*old(:, 1)
+         call add_product(size(new, 1)/rows, self%columns, self%span(:, :, level), inverse, &
+                          new(:, 3), new)
          m = 0
          do j = 1, size(factor, 2)   ! without a branch, which could not be predicted
             list(m + 1) = j
             m = m + merge(0, 1, bounds(self%frame%row(j), 4) > 0.0_wp)
          end do
-         call release(self, level, list(:m), old, self%map(:, columns + size(force, 2) + 1:, level), &
-                      factor, new(:, 1))
-         call finish_trial(rows, self%weight(:, level), bounds, old, new, has_crossed)
+         call release(self, level, list(:m), old, inverse(:, self%columns + 1:), factor, new(:, 1))
+         call finish_trial(size(new, 1), self%weight(:, level), bounds, old, new, has_crossed)
       end associate
    end subroutine try_long_frame
 
-   !> Finds a = A f, four columns at a time.
-   pure subroutine multiply(rows, n, span, matrix, f, a)
-      integer, intent(in) :: rows, n, span(2, n/4)
-      real(wp), intent(in) :: matrix(rows, n), f(n)
-      real(wp), intent(inout) :: a(rows)
-      integer :: i, j
+   !> Adds A f to a, four columns at a time.
+   pure subroutine add_product(registers, n, span, matrix, f, a)
+      integer, intent(in) :: registers, n, span(2, n/4)
+      real(wp), intent(in) :: matrix(rows, registers, n), f(n)
+      real(wp), intent(inout) :: a(rows, registers)
+      integer :: j, r
 
-      a = 0.0_wp
       do j = 1, n, 4
-         do i = span(1, (j + 3)/4), span(2, (j + 3)/4)
-            a(i) = a(i) + ((matrix(i, j)*f(j) + matrix(i, j + 1)*f(j + 1)) &
-                           + (matrix(i, j + 2)*f(j + 2) + matrix(i, j + 3)*f(j + 3)))
+         do r = span(1, (j + 3)/4), span(2, (j + 3)/4)
+            a(:, r) = a(:, r) + ((matrix(:, r, j)*f(j) + matrix(:, r, j + 1)*f(j + 1)) &
+                                 + (matrix(:, r, j + 2)*f(j + 2) + matrix(:, r, j + 3)*f(j + 3)))
          end do
       end do
-   end subroutine multiply
+   end subroutine add_product
+
+   !> Adds a column times a factor to a.
+   pure subroutine add_column(registers, span, column, factor, a)
+      integer, intent(in) :: registers, span(2)
+      real(wp), intent(in) :: column(rows, registers), factor
+      real(wp), intent(inout) :: a(rows, registers)
+      integer :: r
+
+      do r = span(1), span(2)
+         a(:, r) = a(:, r) + column(:, r)*factor
+      end do
+   end subroutine add_column
 
    !> Adds S^-1 W g of the listed joints to a, so that they slip. Column j of `factor` has row j of
    !> the matrix from its diagonal on, then the right side, which g replaces. Eliminates by itself,
@@ -262,13 +341,11 @@ contains
 
       m = size(list)
       associate (weight => self%weight(:, level), row => self%frame%row, &
-                 span => self%gain_span(:, :, level), &
-                 stiffness => self%frame%structure%joint_stiffness)
+                 span => self%gain_span(:, :, level), compliance => self%compliance(:, :, level))
          do j = 1, m
             do i = j, m
-               factor(i, j) = -weight(5)*gain(row(list(i)), list(j))
+               factor(i, j) = compliance(list(i), list(j))
             end do
-            factor(j, j) = factor(j, j) + 1.0_wp/stiffness(list(j))
             factor(m + 1, j) = weight(3)*old(row(list(j)), 2) + weight(4)*old(row(list(j)), 1) &
                                + weight(5)*a(row(list(j)))
          end do
@@ -286,9 +363,7 @@ contains
                factor(m + 1, j) = factor(m + 1, j) - factor(i, j)*factor(m + 1, i)
             end do
             factor(m + 1, j) = factor(m + 1, j)*factor(j, j)
-            do i = span(1, list(j)), span(2, list(j))
-               a(i) = a(i) + gain(i, list(j))*factor(m + 1, j)
-            end do
+            call add_column(size(a)/rows, span(:, list(j)), gain(:, list(j)), factor(m + 1, j), a)
          end do
       end associate
    end subroutine release
@@ -296,7 +371,7 @@ contains
    !> Finds v1 and x1 from a1, and whether a joint is beyond its limit.
    pure subroutine finish_trial(n, weight, bounds, old, new, has_crossed)
       integer, intent(in) :: n
-      real(wp), intent(in) :: weight(7), bounds(n, 4), old(n, 3)
+      real(wp), intent(in) :: weight(n_weights), bounds(n, 4), old(n, 3)
       real(wp), intent(inout) :: new(n, 3)
       integer(long), intent(out) :: has_crossed
       integer :: i
@@ -319,58 +394,102 @@ contains
                       merge(1_long, 0_long, direction*velocity < 0.0_wp))
    end function is_beyond
 
-   !> Makes the trial steps of short frames: a1 by the maps, then v1 and x1, and whether a joint is
-   !> beyond its limit. This kernel takes most of the time: every array has an explicit shape of
-   !> whole registers. Rows of the motion: a 1..8, v 9..16, x 17..24.
-   pure subroutine try_short_frames(trials, weight, n_forces, n_columns, map, force, bounds, &
-                                    motion, has_crossed)
+   !> Finds p of the trial steps of short frames. This kernel and the next take most of the time:
+   !> every array has an explicit shape of whole registers. Rows of the motion: a 1..8, v 9..16, x
+   !> 17..24.
+   pure subroutine find_pushes(trials, weight, columns, n_forces, stiffness, diagonal, force, &
+                               motion, push)
       type(newmark_trial), intent(in), contiguous :: trials(:)
-      integer, intent(in) :: n_forces, n_columns
-      real(wp), intent(in) :: weight(7, 0:*)
+      integer, intent(in) :: columns, n_forces
+      real(wp), intent(in) :: weight(n_weights, 0:*)
+      real(wp), intent(in) :: stiffness(rows, columns, 0:*), diagonal(rows, 0:n_forces)
       real(wp), intent(in), contiguous :: force(0:, :)   !! (step, force, or force and sample) [N]
-      real(wp), intent(in) :: map(rows, n_columns, 0:*), bounds(rows, 4, *)
+      real(wp), intent(in) :: motion(3*rows, 0:1, *)
+      real(wp), intent(inout) :: push(rows, *)           !! (row, trial)
+      real(wp) :: change, v(rows)
+      integer :: f, i, k, l, old, p, w
+
+      do k = 1, size(trials)
+         l = trials(k)%level
+         p = trials(k)%pattern
+         w = trials(k)%sample
+         old = trials(k)%slot
+         f = trials(k)%column + 1
+         change = weight(7, l)*(force(trials(k)%step + 1, f) - force(trials(k)%step, f))
+         !$omp simd
+         do i = 1, rows
+            v(i) = -weight(3, l)*(motion(rows + i, old, w) + weight(8, l)*motion(i, old, w))
+         end do
+         !$omp simd
+         do i = 1, rows
+            push(i, k) = ((stiffness(i, 1, p)*v(1) + stiffness(i, 2, p)*v(2)) &
+                          + (stiffness(i, 3, p)*v(3) + stiffness(i, 4, p)*v(4))) &
+                         + (stiffness(i, 5, p)*v(5) + (diagonal(i, 0)*motion(i, old, w) &
+                                                       + diagonal(i, 1)*change))
+         end do
+         if (columns > narrow) then
+            !$omp simd
+            do i = 1, rows
+               push(i, k) = push(i, k) + ((stiffness(i, 6, p)*v(6) + stiffness(i, 7, p)*v(7)) &
+                                          + stiffness(i, 8, p)*v(8))
+            end do
+         end if
+         do f = 2, n_forces
+            associate (ends => force(trials(k)%step:trials(k)%step + 1, trials(k)%column + f))
+               push(:, k) = push(:, k) + diagonal(:, f)*(weight(7, l)*(ends(2) - ends(1)))
+            end associate
+         end do
+      end do
+   end subroutine find_pushes
+
+   !> Adds M a0/gamma without the diagonal of M to p of short frames.
+   pure subroutine add_coupled_mass(trials, columns, mass, motion, push)
+      type(newmark_trial), intent(in), contiguous :: trials(:)
+      integer, intent(in) :: columns
+      real(wp), intent(in) :: mass(rows, columns), motion(3*rows, 0:1, *)
+      real(wp), intent(inout) :: push(rows, *)   !! (row, trial)
+      integer :: j, k
+
+      do k = 1, size(trials)
+         do j = 1, columns
+            push(:, k) = push(:, k) + mass(:, j)*motion(j, trials(k)%slot, trials(k)%sample)
+         end do
+      end do
+   end subroutine add_coupled_mass
+
+   !> Makes the trial steps of short frames: a1, then v1 and x1, and whether a joint is beyond its
+   !> limit.
+   pure subroutine try_short_frames(trials, weight, columns, inverse, bounds, push, motion, &
+                                    has_crossed)
+      type(newmark_trial), intent(in), contiguous :: trials(:)
+      integer, intent(in) :: columns
+      real(wp), intent(in) :: weight(n_weights, 0:*)
+      real(wp), intent(in) :: inverse(rows, columns, 0:*), bounds(rows, 4, *), push(rows, *)
       real(wp), intent(inout) :: motion(3*rows, 0:1, *)
       integer(long), intent(inout) :: has_crossed(*)
-      real(wp) :: a(rows), change, rest(rows)
+      real(wp) :: a(rows)
       integer(long) :: crossed
-      integer :: columns, e, f, i, k, l, new, old, w
+      integer :: e, i, k, l, new, old, w
 
-      columns = (n_columns - n_forces)/2
       do k = 1, size(trials)
          e = trials(k)%entry
          l = trials(k)%level
          w = trials(k)%sample
          old = trials(k)%slot
          new = 1 - old
-         f = trials(k)%column + 1
-         change = weight(7, l)*(force(trials(k)%step + 1, f) - force(trials(k)%step, f))
          !$omp simd
          do i = 1, rows
-            a(i) = ((map(i, 1, e)*motion(1, old, w) + map(i, 2, e)*motion(2, old, w)) &
-                    + (map(i, 3, e)*motion(3, old, w) + map(i, 4, e)*motion(4, old, w))) &
-                   + map(i, 5, e)*motion(5, old, w)
-            rest(i) = ((map(i, columns + 1, e)*motion(rows + 1, old, w) &
-                        + map(i, columns + 2, e)*motion(rows + 2, old, w)) &
-                       + (map(i, columns + 3, e)*motion(rows + 3, old, w) &
-                          + map(i, columns + 4, e)*motion(rows + 4, old, w))) &
-                      + (map(i, columns + 5, e)*motion(rows + 5, old, w) &
-                         + map(i, 2*columns + 1, e)*change)
+            a(i) = ((inverse(i, 1, e)*push(1, k) + inverse(i, 2, e)*push(2, k)) &
+                    + (inverse(i, 3, e)*push(3, k) + inverse(i, 4, e)*push(4, k))) &
+                   + (inverse(i, 5, e)*push(5, k) - weight(6, l)*motion(i, old, w))
          end do
          if (columns > narrow) then
             !$omp simd
             do i = 1, rows
-               a(i) = a(i) + ((map(i, 6, e)*motion(6, old, w) + map(i, 7, e)*motion(7, old, w)) &
-                              + map(i, 8, e)*motion(8, old, w))
-               rest(i) = rest(i) + ((map(i, 14, e)*motion(14, old, w) &
-                                     + map(i, 15, e)*motion(15, old, w)) &
-                                    + map(i, 16, e)*motion(16, old, w))
+               a(i) = a(i) + ((inverse(i, 6, e)*push(6, k) + inverse(i, 7, e)*push(7, k)) &
+                              + inverse(i, 8, e)*push(8, k))
             end do
          end if
-         do f = 2, n_forces
-            associate (ends => force(trials(k)%step:trials(k)%step + 1, trials(k)%column + f))
-               rest = rest + map(:, 2*columns + f, e)*(weight(7, l)*(ends(2) - ends(1)))
-            end associate
-         end do
          crossed = 0_long
          !$omp simd reduction(ior:crossed)
          do i = 1, rows
@@ -379,7 +498,7 @@ contains
 
                a0 = motion(i, old, w)
                v0 = motion(rows + i, old, w)
-               a1 = a(i) + rest(i)
+               a1 = a(i)
                v1 = v0 + weight(1, l)*a0 + weight(2, l)*a1
                x1 = motion(2*rows + i, old, w) + weight(3, l)*v0 + weight(4, l)*a0 + weight(5, l)*a1
                motion(i, new, w) = a1
