@@ -9,6 +9,8 @@ find_package(LAPACK REQUIRED)
 
 set(HDF5_PREFER_PARALLEL OFF)
 find_package(HDF5 REQUIRED COMPONENTS Fortran Fortran_HL)
+# CMake searches for two names of one library where the wrapper h5fc fails, as in a path with blanks
+list(FILTER HDF5_Fortran_HL_LIBRARIES EXCLUDE REGEX "-NOTFOUND$")
 if(NOT TARGET entroslip::hdf5)   # HDF5::HDF5 lacks the high-level library
   add_library(entroslip::hdf5 INTERFACE IMPORTED)
   target_include_directories(entroslip::hdf5 SYSTEM INTERFACE ${HDF5_Fortran_INCLUDE_DIRS})

@@ -63,12 +63,22 @@ def check_scatter(table):
 
 
 def test_the_example_finds_the_library_by_cmake(prefix, tmp_path):
-    """With the commands of its CMakeLists.txt, by Ninja."""
-    (tmp_path / "examples").symlink_to(EXAMPLE.parent)
-    lines = re.findall(r"^#    (.+)", (EXAMPLE / "CMakeLists.txt").read_text(), re.MULTILINE)
+    """With the commands of its CMakeLists.txt, by Ninja. In a folder whose name has a blank h5fc
+    fails, and CMake then lists also a library that it has not found."""
+    folder = tmp_path / "a folder"
+    shutil.copytree(EXAMPLE, folder / "examples/library")
+    project = folder / "examples/library/CMakeLists.txt"
+    lines = re.findall(r"^#    (.+)", project.read_text(), re.MULTILINE)
+    with project.open("a") as file:
+        file.write("get_target_property(found entroslip::hdf5 INTERFACE_LINK_LIBRARIES)\n")
+        file.write('message(STATUS "HDF5 is ${found}")\n')
     commands = "\n".join(lines).replace("<where entroslip is installed>", str(prefix))
-    check_scatter(run("bash", "-ec", commands, cwd=tmp_path).partition("displacement")[2])
-    assert (tmp_path / "build/example/build.ninja").exists()
+    printed = run("bash", "-ec", commands, cwd=folder)
+    check_scatter(printed.partition("displacement")[2])
+    assert (folder / "build/example/build.ninja").exists()
+    (found,) = re.findall("HDF5 is (.+)", printed)
+    assert "hdf5" in found
+    assert "NOTFOUND" not in found
 
 
 @pytest.mark.skipif(not shutil.which("pkg-config"), reason="pkg-config is not installed")
