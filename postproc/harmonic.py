@@ -36,9 +36,14 @@ class Sweep:
         return self.cases[0].level
 
     @property
+    def is_base(self) -> bool:
+        """True if the ground moves."""
+        return self.cases[0].is_base
+
+    @property
     def unit(self) -> str:
         """Unit of the receptance."""
-        return "s²" if self.cases[0].is_base else "m/N"
+        return "s²" if self.is_base else "m/N"
 
     @property
     def receptance(self) -> xr.DataArray:

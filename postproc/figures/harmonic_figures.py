@@ -33,15 +33,17 @@ def plot_frequency_response(
         if np.any(high > low):
             axes.fill_between(sweep.frequency, low, high, color=look["color"], alpha=0.18, lw=0)
         top, bottom = max(top, mean.max(), high.max()), min(bottom, mean.min(), low.min())
+    cause = "a" if sweeps[0].is_base else "F"
     axes.set(
-        xlabel="frequency [Hz]", ylabel=f"|x| / F of {results.place} {dof} [{sweeps[0].unit}]",
+        xlabel="frequency [Hz]",
+        ylabel=f"|x| / {cause} of {results.place} {dof} [{sweeps[0].unit}]",
         xlim=(span[0], span[-1]), ylim=(0.5 * bottom, 2 * top),
     )  # fmt: skip
     style.add_legend(axes)
 
 
 def plot_phase(axes: Axes, sweeps: Sequence[Sweep], dof: int) -> None:
-    """Phase of a dof against the force, mean direction over samples."""
+    """Phase of a dof against the sine, mean direction over samples."""
     for rank, sweep in enumerate(sweeps):
         curve = sweep.receptance.isel(dof=dof - 1).values
         mean = np.unwrap(np.angle((curve / np.abs(curve)).mean(axis=1)))
@@ -60,11 +62,12 @@ def plot_equivalent(
     """Equivalent `stiffness` or `damping` over the amplitude at resonance: a mark a sample."""
     for rank, (sweep, mode) in enumerate(zip(sweeps, found, strict=True)):
         values = getattr(mode, name)
-        look = style.of_rank(rank, len(sweeps)) | {"linestyle": "none"}
+        look = style.of_rank(rank, len(sweeps)) | {"linestyle": "none", "clip_on": False}
         if np.isfinite(values).any():
             axes.plot(mode.amplitude, values, label=sweep.level, alpha=0.7, **look)
     label = {"stiffness": "modal stiffness / stuck", "damping": "damping ratio"}[name]
     axes.set_xscale("log")
     style.label_logarithmic(axes.xaxis)
-    axes.set(xlabel="amplitude of the forced point at resonance [m]", ylabel=label, ylim=(0, None))
-    style.add_legend(axes, "force")
+    of_what = "along the inertia forces" if sweeps[0].is_base else "of the forced point"
+    axes.set(xlabel=f"amplitude {of_what} at resonance [m]", ylabel=label, ylim=(0, None))
+    style.add_legend(axes, "ground" if sweeps[0].is_base else "force")

@@ -40,11 +40,12 @@ def _of_process(results: Results, sweeps: list[Sweep], process: str) -> Iterator
         if n_unsteady == 0
         else f"{n_unsteady} responses of samples are not steady; they are drawn too."
     )
+    cause = "acceleration a of the ground" if sweeps[0].is_base else "force F"
     yield Figure(
         f"frequency_response_{process}", f"Frequency responses of {results.place} {dof}, {name}",
-        "Fundamental of the displacement divided by the amplitude of the force, beside the linear"
-        " structure with all joints stuck and with all slipping. Slip lowers the resonance and"
-        f" damps it; under a large force it grows again.{band} {steady}",
+        f"Fundamental of the displacement divided by the amplitude of the {cause}, beside the"
+        " linear structure with all joints stuck and with all slipping. Slip lowers the resonance"
+        f" and damps it; at a large amplitude it grows again.{band} {steady}",
         _STUDY,
         (
             partial(
@@ -61,12 +62,16 @@ def _of_process(results: Results, sweeps: list[Sweep], process: str) -> Iterator
         if not np.isfinite(mode.frequency).any()
     ]  # fmt: skip
     without = f" No resonance within these frequencies: {', '.join(bare)}." if bare else ""
+    lag = (
+        "the motion along the inertia forces lags them" if sweeps[0].is_base
+        else "the forced point lags the force"
+    )  # fmt: skip
     yield Figure(
         f"equivalent_{process}", f"Equivalent stiffness and damping, {name}",
-        "The linear mode with the same response where the forced point lags the force by 90"
-        " degrees: its modal stiffness divided by that with all joints stuck, and its damping"
-        " ratio, one mark for each sample. Joints soften with the amplitude; damping is largest"
-        f" between stuck and slipping.{without}",
+        f"The linear mode with the same response where {lag} by 90 degrees: its modal stiffness"
+        " divided by that with all joints stuck, and its damping ratio, one mark for each sample."
+        " Joints soften with the amplitude; damping is largest between stuck and slipping."
+        f"{without}",
         _STUDY,
         tuple(
             partial(harmonic_figures.plot_equivalent, sweeps=sweeps, found=found, name=part)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from entroslip import acceleration_psd, history, open_results, velocity_psd
 from entroslip.figures.gallery import make_figures
+from entroslip.figures.harmonic_figures import plot_frequency_response
 from entroslip.figures.response_figures import joint_force, most_dissipating
 from entroslip.harmonic import equivalent, linear_receptance, sweeps_of
 from entroslip.results import ResultsError
@@ -51,6 +53,11 @@ def test_a_moving_ground_is_named_with_its_units(results_of_scene, tmp_path):
     chain = next(figure for figure in make_figures([results]) if figure.name == "fig_07")
     assert "the ground moves" in chain.caption
     assert chain.save(tmp_path).exists()
+    _, axes = plt.subplots()
+    plot_frequency_response(axes, [sweep], 1, results)
+    assert axes.get_ylabel() == "|x| / a of mass 1 [s²]"
+    (response,) = (f for f in make_figures([results]) if f.name == "frequency_response_p001")
+    assert "acceleration a of the ground" in response.caption
 
 
 def test_tables_have_amplitudes_and_how_many_samples_are_steady(results_of_scene):
