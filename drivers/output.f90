@@ -17,7 +17,7 @@ module driver_output
    use driver_provenance, only: identity_of
    use io_earlier_results, only: case_errors, count_stored_samples, read_errors, &
                                  refuse_replacement, stored_in_results
-   use io_files, only: exists, follow_links, remove_file
+   use io_files, only: exists, follow_links, is_folder, remove_file
    use io_lock, only: lock_type, take_lock
    use io_shards, only: finished_samples, list_shards, sort_shards, shard_path, read_shard, &
                         remove_merged_shards, shard_type, stored_samples
@@ -84,6 +84,8 @@ contains
       output%path = scene_name(line%scene)//ending
       if (allocated(line%output)) output%path = line%output
       call follow_links(output%path, error)
+      if (is_folder(output%path)) &
+         call raise(error, exit_file, output%path//': is a folder: give --output a file')
       call world%stop_on(error)
       output%world = world
       output%scene = scene%text

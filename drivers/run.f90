@@ -281,12 +281,16 @@ contains
       end do
    end subroutine write_blocks
 
-   !> Ends the run if any rank was requested to stop; finished work is kept. Collective.
+   !> Ends the command if any rank was requested to stop; `run` keeps finished work. Collective.
    subroutine end_if_requested(output)
       type(output_type), intent(inout) :: output
+      character(:), allocatable :: outcome
 
       if (.not. output%world%any_true(time_to_stop())) return
-      call output%say('stopped early; what is finished is safe: start again to continue')
+      outcome = 'nothing is kept: start again'
+      if (output%store%identity%command == 'run') &
+         outcome = 'what is finished is safe: start again to continue'
+      call output%say('stopped early; '//outcome)
       call output%end_run(exit_stopped)
    end subroutine end_if_requested
 

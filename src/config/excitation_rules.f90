@@ -5,7 +5,7 @@ module config_excitation_rules
    use config_groups_motion, only: fewest_measured
    use config_text_reader, only: reader_type
    use core_kinds, only: long, wp
-   use core_source, only: find_beside, is_hdf5_file
+   use core_source, only: is_hdf5_file
    use core_table, only: read_table, table_type
    use core_text, only: rounded_text, to_text
    use dynamics_excitation, only: band_rule
@@ -120,8 +120,7 @@ contains
       character(:), allocatable :: path, rule
       integer :: i, n_before
 
-      path = find_beside(scene%path, scene%excitation%psd)
-      call reader%require(path /= '', group, 'psd', 'no such file')
+      call reader%find_file(group, 'psd', scene%excitation%psd, path)
       if (path == '') return
       n_before = reader%complaints%n
       call read_table(path, 2, 2, table, reader%complaints)
@@ -155,8 +154,7 @@ contains
       type(reader_type), intent(inout) :: reader
       integer :: n_before
 
-      scene%force_path = find_beside(scene%path, scene%excitation%file)
-      call reader%require(scene%force_path /= '', group, 'file', 'no such file')
+      call reader%find_file(group, 'file', scene%excitation%file, scene%force_path)
       if (scene%force_path == '') return
       scene%force_is_hdf5 = is_hdf5_file(scene%force_path)
       if (scene%force_is_hdf5) return

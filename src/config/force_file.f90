@@ -69,6 +69,7 @@ contains
       integer, intent(in) :: n_forces
       integer, intent(in) :: n_samples       !! samples with their own records; 0: all share one
       type(complaint_list), intent(inout) :: complaints
+      integer :: place(2)   ! of the first value that is not finite
 
       if (size(force, 1) < 2) then
          call complaints%add_general(path//': must hold at least two values')
@@ -86,8 +87,10 @@ contains
                                         ', one for each force, without excitation%per_sample')
          end if
       end associate
-      if (.not. all(ieee_is_finite(force))) &
-         call complaints%add_general(path//': every value must be finite')
+      if (all(ieee_is_finite(force))) return
+      place = findloc(ieee_is_finite(force), .false.)
+      call complaints%add_general(path//': record '//to_text(place(2))//', step '// &
+                                  to_text(place(1) - 1)//': every value must be finite')
    end subroutine check_force
 
    !> Hash of the values.

@@ -5,7 +5,6 @@ module config_structure_rules
    use config_text_reader, only: reader_type
    use core_kinds, only: long, wp
    use core_random, only: label_of
-   use core_source, only: find_beside
    use core_table, only: read_table, table_type
    use core_text, only: to_text
    use structure_files, only: read_structure, structure_paths
@@ -58,7 +57,7 @@ contains
    contains
 
       !> Finds the path of a file of the structure, '' if it is not given. Complains of a file that
-      !> is required and not given, or that does not exist.
+      !> is required and not given.
       subroutine find(name, file, is_required, path)
          character(*), intent(in) :: name, file
          logical, intent(in) :: is_required
@@ -68,8 +67,7 @@ contains
          if (file == '') then
             call reader%require(.not. is_required, group, name, 'must be given')
          else
-            path = find_beside(scene%path, file)
-            call reader%require(path /= '', group, name, 'no such file')
+            call reader%find_file(group, name, file, path)
          end if
       end subroutine find
 
@@ -158,8 +156,7 @@ contains
       character(:), allocatable :: path
       integer :: i, n_before, n_points
 
-      path = find_beside(scene%path, scene%processes(number)%values)
-      call reader%require(path /= '', 'process', 'values', 'no such file', number=number)
+      call reader%find_file('process', 'values', scene%processes(number)%values, path, number)
       n_points = merge(scene%structure%n_points, scene%chain%n_dof, scene%has_structure)
       if (path == '' .or. n_points == 0) return
       n_before = reader%complaints%n

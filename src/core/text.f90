@@ -223,12 +223,15 @@ contains
       character(*), intent(in) :: columns   !! names, filled to the widths of the columns, between |
       character(*), intent(in) :: cells     !! texts between |
       character(:), allocatable :: names, rest, text
+      integer :: width   ! of the columns so far
 
       text = ''
+      width = 0
       names = columns//'|'
       rest = cells//'|'
       do while (len(names) > 0)
-         text = text//padded(trim(rest(:index(rest, '|') - 1)), index(names, '|') - 1)
+         width = width + index(names, '|') - 1
+         text = padded(text//trim(rest(:index(rest, '|') - 1)), width)
          names = names(index(names, '|') + 1:)
          rest = rest(index(rest, '|') + 1:)
       end do

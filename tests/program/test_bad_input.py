@@ -53,7 +53,7 @@ def test_a_force_file_that_never_ends_is_refused_at_once(entroslip, tmp_path):
         assert done.stderr.endswith(f"{name}: is empty, or a pipe or a device\n")
 
 
-def test_a_pipe_stays_where_results_should_be(entroslip, tmp_path):
+def test_a_pipe_or_a_folder_stays_where_results_should_be(entroslip, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     scene = scene_with(tmp_path, "n_samples = 6", "n_samples = 2")
     for options in ((), ("--fresh",)):
@@ -61,6 +61,9 @@ def test_a_pipe_stays_where_results_should_be(entroslip, tmp_path):
         assert done.returncode == 3
         assert "pipe was not written by this program" in done.stderr
         assert (tmp_path / "pipe").is_fifo()
+    done = entroslip("run", scene, "--output", tmp_path)
+    assert done.returncode == 3
+    assert f"{tmp_path}: is a folder: give --output a file" in done.stderr
 
 
 @pytest.mark.parametrize("method", ["newmark", "event"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import subprocess
 import time
 from pathlib import Path
 
@@ -63,6 +64,22 @@ def test_a_replay_has_the_bits_of_the_campaign_also_while_its_shards_remain(
         for name in names:
             ours, theirs = (f[f"campaign/c004/{name}"] for f in (replay, file))
             assert ours[0].tobytes() == theirs[6].tobytes(), name
+
+
+def test_a_replay_that_is_stopped_says_that_nothing_is_kept(program, tmp_path):
+    (tmp_path / "s.nml").write_text(SCENE)
+    sample = ("--case=4", "--sample=7", "--set", "integration%n_steps=2000000")
+    with subprocess.Popen(
+        [program, "replay", "s.nml", *sample], cwd=tmp_path, text=True, stdout=subprocess.PIPE,
+        env=ENVIRONMENT,
+    ) as process:  # fmt: skip
+        while process.poll() is None and not list(tmp_path.glob("*.lock")):
+            time.sleep(0.01)
+        process.terminate()
+        said = process.communicate()[0]
+    assert process.returncode == STOPPED
+    assert "stopped early; nothing is kept: start again\n" in said
+    assert [path.suffix for path in tmp_path.iterdir()] == [".nml"]
 
 
 @pytest.mark.parametrize(

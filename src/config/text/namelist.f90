@@ -22,7 +22,7 @@ module config_text_namelist
    type :: group_type
       character(32) :: name = ''          !! name in lower case, cut at 32 characters
       type(token_type) :: place           !! &name
-      logical :: is_misread = .false.    !! true if it has an unknown name, or text without '='
+      logical :: is_misread = .false.    !! true if a name, an index or an '=' in it is wrong
    end type group_type
 
    !> One `name = values` or `name(lower:upper) = values`.
@@ -78,7 +78,6 @@ contains
    !> Parses the tokens of the scene file.
    subroutine parse_groups(document)
       class(document_type), intent(inout) :: document
-      character(*), parameter :: not_closed = 'the group is not closed by /'
       type(token_type) :: group, token
       character(:), allocatable :: rule
       integer :: i
@@ -90,7 +89,7 @@ contains
       do while (i <= size(document%tokens))
          token = document%tokens(i)
          if (token%kind == token_group) then
-            if (is_open) call document%complain(group, not_closed)
+            call complain_if_open()
             if (size(document%groups) == max_groups) then
                call document%complain(token, 'more groups than a scene can have')
                return
@@ -118,7 +117,16 @@ contains
          end if
          i = i + 1
       end do
-      if (is_open) call document%complain(group, not_closed)
+      call complain_if_open()
+
+   contains
+
+      !> Complains of a group that token i does not close; not if an open quote took its end along.
+      subroutine complain_if_open()
+         if (is_open .and. document%tokens(max(i - 1, 1))%kind /= token_open_quote) &
+            call document%complain(group, 'the group is not closed by /')
+      end subroutine complain_if_open
+
    end subroutine parse_groups
 
    !> Parses `name [(lower[:upper])] = values` of a group; sets `i` to the last token of the values.
@@ -138,8 +146,11 @@ contains
          if (token%kind == token_index) then
             i = i + 1
             call parse_index(document%text_of(token), given%lower, given%upper, is_valid)
-            if (.not. is_valid) call document%refuse(group, token, document%text_of(given%place), &
-                                                     '', 'an index is (i) or (i:j), counted from 1')
+            if (.not. is_valid) then
+               call document%refuse(group, token, document%text_of(given%place), '', &
+                                    'an index is (i) or (i:j), counted from 1')
+               document%groups(group)%is_misread = .true.
+            end if
             given%place%last = token%last
          end if
       end associate

@@ -6,6 +6,7 @@ module config_text_reader
    use config_text_value_table, only: choice_length, entry_type, name_length, word_type
    use core_complaints, only: nearest_name, suggestion
    use core_kinds, only: long, wp
+   use core_source, only: find_beside
    use core_table, only: words_of
    use core_text, only: lowered, parse_integer, parse_real, to_text
    implicit none(type, external)
@@ -27,6 +28,7 @@ module config_text_reader
       procedure :: was_given
       procedure :: longest_list
       procedure :: require
+      procedure :: find_file
       procedure :: visit_words
    end type reader_type
 
@@ -130,6 +132,24 @@ contains
          call self%complaints%add_general(self%source(1)%name//': '//group//'%'//name//': '//rule)
       end if
    end subroutine require
+
+   !> Finds the path of the file that a value names, beside the scene or in the current folder.
+   !> Complains if there is none or a folder: then the path is ''.
+   subroutine find_file(self, group, name, file, path, number)
+      class(reader_type), intent(inout) :: self
+      character(*), intent(in) :: group, name
+      character(*), intent(in) :: file                 !! the value, not empty
+      character(:), allocatable, intent(out) :: path
+      integer, intent(in), optional :: number          !! number among the groups, default 1
+      logical :: is_folder
+
+      path = find_beside(self%source(1)%name, file)
+      call self%require(path /= '', group, name, 'no such file', number=number)
+      if (path == '') return
+      inquire (file=path//'/.', exist=is_folder)
+      call self%require(.not. is_folder, group, name, 'is a folder, not a file', number=number)
+      if (is_folder) path = ''
+   end subroutine find_file
 
    !> Reads the values of an entry. A refused value of a list keeps its default; a refused single
    !> value becomes zero or empty, so that it breaks no rule together with other values.
