@@ -6,7 +6,7 @@ module driver_check
    use campaign_size, only: refuse_oversize
    use config_scene, only: scene_type
    use config_summary, only: summary_text
-   use core_error, only: error_type, exit_done, exit_stopped
+   use core_error, only: error_type, exit_done
    use core_kinds, only: long, wp
    use core_terminal, only: say
    use core_text, only: brief, duration, labelled, line_feed, to_text
@@ -127,7 +127,6 @@ contains
       type(error_type), allocatable :: error
       integer(long) :: n_samples, n_steps
       real(wp) :: seconds
-      logical :: is_stopped
 
       text = ''
       if (.not. (plan%has_structure .and. plan%accuracy%target_statistical > 0.0_wp)) return
@@ -137,9 +136,8 @@ contains
       call measure_settings(world, plan, force, trial_scope(most_seconds, most_seconds, &
                                                             has_settings=.false., &
                                                             is_statistical=.true., models=models), &
-                            is_quiet, measured, is_stopped, error)
+                            is_quiet, measured, error)
       call world%stop_on(error)
-      if (is_stopped) call stop_world(exit_stopped)
       if (.not. allocated(measured%tasks)) then
          text = labelled('statistics', 'target_statistical is left to run: trial marches take long')
          return

@@ -1,11 +1,14 @@
-!> Decides when a run ends early: after a stop signal, or at the time limit of its scene.
+!> Ends a command early: after a stop signal, or at the time limit of its scene.
 module driver_deadline
+   use core_error, only: error_type, exit_stopped
    use core_kinds, only: long, wp
+   use core_terminal, only: say
+   use io_lock, only: lock_type
    use parallel_signals, only: catch_stop_signals, stop_requested
-   use parallel_world, only: attend_to_others
+   use parallel_world, only: attend_to_others, stop_world, world_type
    implicit none(type, external)
    private
-   public :: start_watch, set_limit, seconds_so_far, time_to_stop
+   public :: end_if_requested, start_watch, set_limit, seconds_so_far, time_to_stop
 
    integer(long) :: started = 0   !! count of the system clock
    real(wp) :: limit = 0.0_wp     !! [s]; 0: no limit
@@ -42,5 +45,22 @@ contains
       if (time_to_stop .or. .not. limit > 0.0_wp) return
       time_to_stop = seconds_so_far() > limit
    end function time_to_stop
+
+   !> Ends the command if any rank was requested to stop, and says what is kept. Collective.
+   subroutine end_if_requested(world, is_quiet, keeps_work, lock)
+      type(world_type), intent(in) :: world
+      logical, intent(in) :: is_quiet     !! true also on all ranks but the root
+      logical, intent(in) :: keeps_work   !! true if the command continues from finished work
+      type(lock_type), intent(inout), optional :: lock
+      type(error_type), allocatable :: ignored   ! a remaining lock file is not a lock
+      character(:), allocatable :: outcome
+
+      if (.not. world%any_true(time_to_stop())) return
+      outcome = 'nothing is kept: start again'
+      if (keeps_work) outcome = 'what is finished is safe: start again to continue'
+      if (.not. is_quiet) call say('stopped early; '//outcome)
+      if (present(lock)) call lock%release(ignored)
+      call stop_world(exit_stopped)
+   end subroutine end_if_requested
 
 end module driver_deadline

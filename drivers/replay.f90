@@ -8,11 +8,11 @@ module driver_replay
    use core_text, only: counted, shell_word, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
-   use driver_deadline, only: start_watch
+   use driver_deadline, only: end_if_requested, start_watch
    use driver_output, only: open_new_output, output_type
    use driver_processes, only: solve_processes
    use driver_results, only: write_results
-   use driver_run, only: end_if_requested, march_campaign, prepare_march
+   use driver_run, only: march_campaign, prepare_march
    use driver_trial_runs, only: choose_setting
    use io_store, only: remove_store
    use parallel_world, only: start_world, world_type
@@ -57,7 +57,7 @@ contains
                                     p=1, size(plan%processes))])
       call refuse_unsolved(plan, models, error)
       call output%stop_on(error)
-      call end_if_requested(output)
+      call end_if_requested(world, output%is_quiet, .false., output%lock)
       runner%plan%cases%n_samples = 0   ! but the wanted one
       runner%plan%cases(line%case_number)%n_samples = 1
       runner%plan%cases(line%case_number)%first_sample = line%sample
@@ -66,7 +66,7 @@ contains
       call march_campaign(models, runner, output, error)
       if (allocated(error)) call remove_store(output%store, ignored)   ! a replay does not resume
       call output%stop_on(error)
-      call end_if_requested(output)
+      call end_if_requested(world, output%is_quiet, .false., output%lock)
       call write_results(runner%plan, models, runner, output, error)
       if (allocated(error)) call remove_store(output%store, ignored)
       call output%stop_on(error)

@@ -7,12 +7,13 @@ module driver_run
    use campaign_size, only: refuse_oversize
    use campaign_study, only: block_range, claim_type, draw_friction, name_sample, open_claims
    use config_scene, only: scene_type
-   use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
+   use core_error, only: error_type, exit_bad_input, exit_done, raise
    use core_kinds, only: long, wp
    use core_text, only: counted, duration, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
-   use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
+   use driver_deadline, only: end_if_requested, seconds_so_far, set_limit, start_watch, &
+                              time_to_stop
    use driver_judge_results, only: add_samples, judge
    use driver_output, only: open_output, output_type
    use driver_processes, only: solve_processes
@@ -27,7 +28,7 @@ module driver_run
    use process_model, only: branch_note, process_model_type
    implicit none(type, external)
    private
-   public :: run, end_if_requested, march_campaign, prepare_march
+   public :: run, march_campaign, prepare_march
 
 contains
 
@@ -67,7 +68,7 @@ contains
       if (choice /= '') call output%say(choice(:len(choice) - 1))
       call solve_processes(world, plan, output%is_quiet, models, output, error)
       call output%stop_on(error)
-      call end_if_requested(output)
+      call end_if_requested(output%world, output%is_quiet, .true., output%lock)
       call refuse_unsolved(plan, models, error)
       if (allocated(error) .and. world%is_root() .and. .not. output%is_shared) &
          call remove_store(output%store, ignored)   ! it has no samples
@@ -178,7 +179,7 @@ contains
       do while (has_more)
          call march_campaign(models, runner, output, error)
          call output%stop_on(error)
-         call end_if_requested(output)
+         call end_if_requested(output%world, output%is_quiet, .true., output%lock)
          call add_samples(models, increment, runner%plan, output, has_more, error)
          call output%stop_on(error)
       end do
@@ -280,19 +281,6 @@ contains
          if (allocated(error)) return
       end do
    end subroutine write_blocks
-
-   !> Ends the command if any rank was requested to stop; `run` keeps finished work. Collective.
-   subroutine end_if_requested(output)
-      type(output_type), intent(inout) :: output
-      character(:), allocatable :: outcome
-
-      if (.not. output%world%any_true(time_to_stop())) return
-      outcome = 'nothing is kept: start again'
-      if (output%store%identity%command == 'run') &
-         outcome = 'what is finished is safe: start again to continue'
-      call output%say('stopped early; '//outcome)
-      call output%end_run(exit_stopped)
-   end subroutine end_if_requested
 
    !> Line on the numbers of processes, cases and samples in the results.
    pure function summary(plan, output) result(text)

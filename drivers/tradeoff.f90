@@ -2,13 +2,14 @@
 module driver_tradeoff
    use campaign_plan, only: plan_type
    use config_scene, only: scene_type
-   use core_error, only: error_type, exit_bad_input, exit_done, exit_stopped, raise
+   use core_error, only: error_type, exit_bad_input, exit_done, raise
    use core_kinds, only: wp
    use core_terminal, only: say
    use core_text, only: counted
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
-   use driver_deadline, only: seconds_so_far, set_limit, start_watch, time_to_stop
+   use driver_deadline, only: end_if_requested, seconds_so_far, set_limit, start_watch, &
+                              time_to_stop
    use driver_output, only: open_new_output, output_type
    use driver_processes, only: solve_processes
    use driver_provenance, only: begin_results
@@ -44,7 +45,6 @@ contains
       type(process_model_type), allocatable :: models(:)
       type(output_type) :: output
       type(error_type), allocatable :: error
-      logical :: is_stopped
 
       call start_watch()
       call start_world(world)
@@ -58,12 +58,12 @@ contains
       call solve_processes(world, plan, output%is_quiet, models)
       call refuse_unsolved(plan, models, error)
       call output%stop_on(error)
-      is_stopped = world%any_true(time_to_stop())
-      if (plan%has_structure .and. .not. is_stopped) &
-         call measure_march(world, plan, scene%force, models, output%is_quiet, found, is_stopped, &
-                            error)
+      call end_if_requested(world, output%is_quiet, .false., output%lock)
+      if (plan%has_structure) &
+         call measure_march(world, plan, scene%force, models, output%is_quiet, found, error)
       call output%stop_on(error)
-      if (world%is_root() .and. .not. is_stopped) then
+      call end_if_requested(world, output%is_quiet, .false., output%lock)
+      if (world%is_root()) then
          found%plan = plan
          found%n_ranks = world%n_ranks
          call compare_orders(plan, found%orders)
@@ -71,19 +71,18 @@ contains
          call write_findings(output, found, error)
       end if
       call output%stop_on(error)
-      if (is_stopped) call output%say('stopped early; nothing is kept: start again to measure anew')
-      call output%end_run(merge(exit_stopped, exit_done, is_stopped))
+      call output%end_run(exit_done)
    end subroutine tradeoff
 
-   !> Measures settings, spectra and the components of the error. Collective.
-   subroutine measure_march(world, plan, force, models, is_quiet, found, is_stopped, error)
+   !> Measures settings, spectra and the components of the error, unless it is requested to stop.
+   !> Collective.
+   subroutine measure_march(world, plan, force, models, is_quiet, found, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
       type(process_model_type), intent(in) :: models(:)
       logical, intent(in) :: is_quiet
       type(tradeoff_findings), intent(inout) :: found
-      logical, intent(out) :: is_stopped
       type(error_type), allocatable, intent(out) :: error
       type(trial_scope) :: scope
       type(plan_type) :: varied   ! plan with other orders and other lengths of the fit
@@ -96,11 +95,10 @@ contains
       varied = plan
       varied%processes = scope%variants%request
       call solve_processes(world, varied, is_quiet, scope%variant_models)
-      is_stopped = world%any_true(time_to_stop())
-      if (is_stopped) return
-      call measure_settings(world, plan, force, scope, is_quiet, found%tradeoff, is_stopped, &
-                            error)
-      if (is_stopped .or. allocated(error)) return
+      if (world%any_true(time_to_stop())) return
+      call measure_settings(world, plan, force, scope, is_quiet, found%tradeoff, error)
+      if (world%any_true(time_to_stop())) return
+      if (allocated(error)) return
       found%settings = setting_rows_of(found%tradeoff)
       found%spectra = spectrum_rows_of(found%tradeoff)
       found%errors = components_of(found%tradeoff, found%settings(found%tradeoff%own), &

@@ -11,15 +11,15 @@
 module driver_trial_runs
    use campaign_plan, only: plan_type
    use config_scene, only: scene_type
-   use core_error, only: error_type, exit_no_solution, exit_stopped, raise
+   use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_terminal, only: say
    use core_text, only: brief, counted, duration, labelled, line_feed, to_text
-   use driver_deadline, only: time_to_stop
+   use driver_deadline, only: end_if_requested, time_to_stop
    use driver_tradeoff_text, only: setting_text
    use io_progress, only: progress_type
    use parallel_work, only: new_counter, work_counter
-   use parallel_world, only: stop_world, world_type
+   use parallel_world, only: world_type
    use tradeoff_front, only: meets_targets, nearest_to_targets, setting_row, setting_rows_of
    use tradeoff_marches, only: run_task
    use tradeoff_pilot, only: choose_every
@@ -35,15 +35,15 @@ module driver_trial_runs
 contains
 
    !> Runs the trial marches of a scope, or none if they exceed scope%most_seconds: then no tasks
-   !> are allocated. Every rank gets all results. Collective.
-   subroutine measure_settings(world, plan, force, scope, is_quiet, tradeoff, is_stopped, error)
+   !> are allocated. Every rank gets all results; after a request to stop some are missing.
+   !> Collective.
+   subroutine measure_settings(world, plan, force, scope, is_quiet, tradeoff, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
       type(trial_scope), intent(in) :: scope
       logical, intent(in) :: is_quiet
       type(tradeoff_type), intent(out) :: tradeoff
-      logical, intent(out) :: is_stopped     !! true: stopped early, results are missing
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: thinned
 
@@ -52,14 +52,13 @@ contains
       call world%stop_on(error)
       call new_tradeoff(thinned, force, scope, time_to_stop, tradeoff, error)
       call world%stop_on(error)
-      is_stopped = world%any_true(time_to_stop())
-      if (is_stopped .or. .not. allocated(tradeoff%tasks)) return
+      if (world%any_true(time_to_stop())) return
+      if (.not. allocated(tradeoff%tasks)) return
       if (.not. is_quiet) &
          call say(to_text(size(tradeoff%tasks))//' trial marches, '// &
                   duration(sum(tradeoff%seconds)/world%n_ranks)//' on '// &
                   counted(world%n_ranks, 'rank', 'ranks'))
       call share_tasks(world, tradeoff, is_quiet, error)
-      is_stopped = world%any_true(time_to_stop())
    end subroutine measure_settings
 
    !> Chooses output%spectrum_every of a plan with spectra, the same on every rank; leaves it 0 if
@@ -145,7 +144,6 @@ contains
       type(setting_row) :: nearest
       character(:), allocatable :: reached, target
       type(error_type), allocatable :: error
-      logical :: is_stopped
       integer :: chosen
 
       choice = ''
@@ -158,10 +156,9 @@ contains
             trial%cases%n_samples = max(trial%cases%n_samples, samples_of_block(plan, scene%force))
          scope = trial_scope(budget=budget)
          if (present(most_seconds)) scope%most_seconds = most_seconds
-         call measure_settings(world, trial, scene%force, scope, is_quiet, measured, is_stopped, &
-                               error)
+         call measure_settings(world, trial, scene%force, scope, is_quiet, measured, error)
          call world%stop_on(error)
-         if (is_stopped) call stop_world(exit_stopped)
+         call end_if_requested(world, is_quiet, .false.)
          if (.not. allocated(measured%tasks)) then
             choice = labelled('accuracy', 'the setting for the targets is left to run: its '// &
                               'trial marches take long')

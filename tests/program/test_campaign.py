@@ -66,20 +66,31 @@ def test_a_replay_has_the_bits_of_the_campaign_also_while_its_shards_remain(
             assert ours[0].tobytes() == theirs[6].tobytes(), name
 
 
-def test_a_replay_that_is_stopped_says_that_nothing_is_kept(program, tmp_path):
+@pytest.mark.parametrize(
+    ("command", "begun"),
+    [
+        (("replay", "s.nml", "--case=4", "--sample=7"), "*.lock"),
+        (("run", "s.nml", "--set", "accuracy%target_slip_points=0.1"), "said"),
+    ],
+)
+def test_a_command_that_is_stopped_without_work_to_keep_says_so(program, tmp_path, command, begun):
+    """A replay, and the trial marches of a run, which ended without a word."""
     (tmp_path / "s.nml").write_text(SCENE)
-    sample = ("--case=4", "--sample=7", "--set", "integration%n_steps=2000000")
-    with subprocess.Popen(
-        [program, "replay", "s.nml", *sample], cwd=tmp_path, text=True, stdout=subprocess.PIPE,
-        env=ENVIRONMENT,
-    ) as process:  # fmt: skip
-        while process.poll() is None and not list(tmp_path.glob("*.lock")):
+    with (
+        (tmp_path / "said").open("w") as said,
+        subprocess.Popen(
+            [program, *command, "--set", "integration%n_steps=4000000"],
+            cwd=tmp_path, env=ENVIRONMENT, stdout=said,
+        ) as process,
+    ):  # fmt: skip
+        while process.poll() is None and not any(
+            path.suffix == ".lock" or path.stat().st_size for path in tmp_path.glob(begun)
+        ):
             time.sleep(0.01)
         process.terminate()
-        said = process.communicate()[0]
     assert process.returncode == STOPPED
-    assert "stopped early; nothing is kept: start again\n" in said
-    assert [path.suffix for path in tmp_path.iterdir()] == [".nml"]
+    assert "stopped early; nothing is kept: start again\n" in (tmp_path / "said").read_text()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["s.nml", "said"]
 
 
 @pytest.mark.parametrize(
