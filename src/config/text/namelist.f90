@@ -123,7 +123,8 @@ contains
 
       !> Complains of a group that token i does not close; not if an open quote took its end along.
       subroutine complain_if_open()
-         if (is_open .and. document%tokens(max(i - 1, 1))%kind /= token_open_quote) &
+         if (.not. is_open) return
+         if (document%tokens(i - 1)%kind /= token_open_quote) &
             call document%complain(group, 'the group is not closed by /')
       end subroutine complain_if_open
 
