@@ -365,6 +365,8 @@ contains
          outputs = 0.0_wp
          if (nf > 0) outputs = real(nf, wp)*(4*n + 2*min(most_landmarks, n)) &
                                + real(n_points, wp)*(min(most_landmarks, n) + 5*fitted_together) &
+                               + real(size(plan%output%percentiles), wp)*fitted_together &
+                               *(min(most_landmarks, n) + n) &
                                + real((nf - 1)/fitted_together + 1, wp)*most_pair_outputs*n &
                                *2*min(most_pair_samples, n)
          bytes = max(bytes, real_bytes*(law + max(draws, outputs)))

@@ -26,7 +26,7 @@ contains
       integer :: o
 
       if (law%has_samples) then
-         call blend(fitted, plain, least_share, blended)
+         call blend(fitted, plain, law%first, law%last, least_share, blended)
       else
          blended = fitted
          blended%influence = new_law_factor*fitted%influence
@@ -50,27 +50,33 @@ contains
 
    !> Blends estimates of a regression and of plain sampling by the weights of least variance, but
    !> at least `least_share` for plain sampling, and 1 where it has no error. Their covariance
-   !> follows from their influences. Plain sampling may have more samples, at the end.
-   pure subroutine blend(fitted, plain, least_share, blended)
+   !> follows from their influences. Plain sampling has those of the case's samples alone, and may
+   !> have more samples, at the end.
+   pure subroutine blend(fitted, plain, first, last, least_share, blended)
       type(estimates_type), intent(in) :: fitted, plain
+      integer, intent(in) :: first, last       !! samples of the case among those of the regression
       real(wp), intent(in) :: least_share(:)   !! (output) least weight of plain sampling
       type(estimates_type), intent(out) :: blended
       real(wp) :: share(size(least_share)), fit_variance, plain_variance, covariance, denominator
-      integer :: o
+      integer :: n, n_more, n_own, o
 
-      allocate (blended%influence, mold=plain%influence)
+      n = size(fitted%influence, 1)
+      n_own = last - first + 1
+      n_more = size(plain%influence, 1) - n_own
+      allocate (blended%influence(n + n_more, size(least_share)))
       do o = 1, size(plain%value)
-         associate (n => size(fitted%influence, 1), phi => fitted%influence(:, o), &
-                    psi => plain%influence(:, o))
+         associate (phi => fitted%influence(:, o), psi => plain%influence(:, o), &
+                    influence => blended%influence(:, o))
             fit_variance = sum(phi**2) + fitted%bias(o)**2
             plain_variance = sum(psi**2) + plain%bias(o)**2
-            covariance = sum(phi*psi(:n)) + fitted%bias(o)*plain%bias(o)
+            covariance = dot_product(phi(first:last), psi(:n_own)) + fitted%bias(o)*plain%bias(o)
             denominator = max(fit_variance + plain_variance - 2.0_wp*covariance, tiny(covariance))
             share(o) = max(least_share(o), &
                            min(1.0_wp, max(0.0_wp, (fit_variance - covariance)/denominator)))
             if (.not. plain_variance > 0.0_wp) share(o) = 1.0_wp
-            blended%influence(:, o) = share(o)*psi
-            blended%influence(:n, o) = blended%influence(:n, o) + (1.0_wp - share(o))*phi
+            influence(:n) = (1.0_wp - share(o))*phi
+            influence(first:last) = influence(first:last) + share(o)*psi(:n_own)
+            influence(n + 1:) = share(o)*psi(n_own + 1:)
          end associate
       end do
       blended%share = share
@@ -83,7 +89,7 @@ contains
          associate (factor => blended%tail_factor)
             factor(1, :) = (1.0_wp - share)*factor(1, :) + share*factor(2, :)
          end associate
-         if (size(plain%influence, 1) > size(fitted%influence, 1)) blended%tail_factor = 1.0_wp
+         if (n_more > 0) blended%tail_factor = 1.0_wp
       end if
    end subroutine blend
 

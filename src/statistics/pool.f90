@@ -77,8 +77,8 @@ contains
    end subroutine add_law
 
    !> Plain estimates from all samples of a case, scaled from those of its samples in the pool. The
-   !> value is given; the bias falls as 1/n; further rows of influences, for the samples beyond the
-   !> pool, add the rest of the variance.
+   !> value is given; the bias falls as 1/n. Influences have a row for each of its samples in the
+   !> pool; further rows, for the samples beyond the pool, add the rest of the variance.
    pure function over_all_samples(pool, number, pooled, value) result(estimates)
       type(pool_type), intent(in) :: pool
       integer, intent(in) :: number                !! number of the case
@@ -88,14 +88,12 @@ contains
       real(wp) :: share
       integer :: n, n_more
 
-      n = size(pool%x, 1)
-      associate (first => pool%first(number), last => pool%last(number))
-         share = real(last - first + 1, wp)/pool%n_samples(number)
-         n_more = merge(last - first + 1, 0, share < 1.0_wp)
-         allocate (estimates%influence(n + n_more, size(value)), source=0.0_wp)
-         estimates%influence(first:last, :) = share*pooled%influence
-         estimates%influence(n + 1:, :) = sqrt(share*(1.0_wp - share))*pooled%influence(:n_more, :)
-      end associate
+      n = size(pooled%influence, 1)
+      share = real(n, wp)/pool%n_samples(number)
+      n_more = merge(n, 0, share < 1.0_wp)
+      allocate (estimates%influence(n + n_more, size(value)))
+      estimates%influence(:n, :) = share*pooled%influence
+      estimates%influence(n + 1:, :) = sqrt(share*(1.0_wp - share))*pooled%influence(:n_more, :)
       estimates%value = value
       estimates%bias = share*pooled%bias
       if (allocated(pooled%stretch)) estimates%stretch = pooled%stretch

@@ -14,7 +14,7 @@ module statistics_regression
    use statistics_surrogate, only: average_features, fit_type, surrogate_type
    implicit none(type, external)
    private
-   public :: law_deviation, law_mean, law_mean_of_exponential, law_percentile
+   public :: law_deviation, law_mean, law_mean_of_exponential, law_percentiles
 
    !> probability on either side of a percentile: its points, and those of its hidden error
    real(wp), parameter :: half_window = 0.01_wp, half_pair_window = 0.03_wp
@@ -119,59 +119,72 @@ contains
                                 1.0_wp/(estimate%value - addition), estimate, 2.0_wp*moment)
    end subroutine law_deviation
 
-   !> Estimates a percentile, half way between that of G and that of G plus the residuals of samples
-   !> predicted near it; half of their difference is the bias.
-   subroutine law_percentile(surrogate, fit, law, values, tail, p, estimate)
+   !> Estimates percentiles, each half way between that of G and that of G plus the residuals of
+   !> samples predicted near each point; half of their difference is the bias.
+   subroutine law_percentiles(surrogate, fit, law, values, tail, p, estimates)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
       type(case_law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:, :)   !! (point, output) G
       real(wp), intent(in) :: tail(:, :)                 !! (2, output) tail_ratio of G
-      real(wp), intent(in) :: p                          !! share of the law below the percentile
-      type(estimates_type), intent(out) :: estimate
-      real(wp) :: average_row(size(law%rows, 1), size(values, 2))
+      real(wp), intent(in) :: p(:)                       !! shares of the law below the percentiles
+      type(estimates_type), intent(out) :: estimates(:)  !! (percentile)
+      real(wp) :: average_row(size(law%rows, 1), size(values, 2), size(p))
       real(wp) :: average(size(surrogate%eigenvalue), size(values, 2)), sums(size(values, 1))
       integer :: near(2*nint(near_factor*sqrt(real(law%last - law%first + 1, wp))), &
-                      size(values, 2)), o                     ! (number, output) samples
-      real(wp) :: residual(size(near, 1)), of_fit, of_sums    ! percentiles
-      real(wp), allocatable :: pair_share(:, :)   ! (every 16th point, output) near the percentile
+                      size(values, 2), size(p)), o, s     ! (number, output, percentile) samples
+      real(wp) :: residual(size(near, 1)), of_fit(size(p)), of_sums    ! percentiles
+      !> (every 16th point, output, percentile) near the percentile
+      real(wp), allocatable :: pair_share(:, :, :)
       real(wp), allocatable :: pair_values(:)     ! (every 16th point) G
       integer, allocatable :: points(:)
 
-      allocate (estimate%value(size(values, 2)), estimate%bias(size(values, 2)), &
-                estimate%inverse_density(size(values, 2)))
-      allocate (estimate%tail_factor, mold=tail)
+      do s = 1, size(p)
+         allocate (estimates(s)%value(size(values, 2)), estimates(s)%bias(size(values, 2)), &
+                   estimates(s)%inverse_density(size(values, 2)))
+         allocate (estimates(s)%tail_factor, mold=tail)
+      end do
       if (.not. law%has_samples) &
-         allocate (pair_share(size(law%pair_weight), size(values, 2)), source=0.0_wp)
+         allocate (pair_share(size(law%pair_weight), size(values, 2), size(p)), source=0.0_wp)
       do o = 1, size(values, 2)
-         call find_quantile(values(:, o), law%weight, p, half_window, of_fit, points)
-         average_row(:, o) = mean_column(law%rows, points)
-         associate (first => points(1), last => points(size(points)))
-            estimate%inverse_density(o) = (values(last, o) - values(first, o)) &
-                                          /sum(law%weight(points))
+         do s = 1, size(p)
+            call find_quantile(values(:, o), law%weight, p(s), half_window, of_fit(s), points)
+            average_row(:, o, s) = mean_column(law%rows, points)
+            associate (first => points(1), last => points(size(points)))
+               estimates(s)%inverse_density(o) = (values(last, o) - values(first, o)) &
+                                                 /sum(law%weight(points))
+            end associate
+         end do
+         call add_residuals_near(law, fit, o, values(:, o), of_fit, near(:, o, :), sums)
+         do s = 1, size(p)
+            call find_quantile(sums, law%weight, p(s), 0.0_wp, of_sums, points)
+            estimates(s)%value(o) = 0.5_wp*(of_fit(s) + of_sums)
+            estimates(s)%bias(o) = 0.5_wp*(of_fit(s) - of_sums)   ! inwards, as plain sampling's
+            if (law%has_samples) cycle
+            pair_values = values(::pair_thinning, o)
+            call find_quantile(pair_values, law%pair_weight, p(s), half_pair_window, of_sums, &
+                               points)
+            pair_share(points, o, s) = 1.0_wp/size(points)
+         end do
+      end do
+      do s = 1, size(p)
+         associate (estimate => estimates(s))
+            call average_features(surrogate, average_row(:, :, s), 1.0_wp, average)
+            if (.not. law%has_samples) &
+               call add_hidden_errors(surrogate, fit, law, pair_share(:, :, s), &
+                                      spread(1.0_wp, 1, size(values, 2)), estimate)
+            call find_weights(surrogate, fit, average, 1.0_wp, estimate%influence)
+            call find_influences(surrogate, fit, estimate)
+            do o = 1, size(values, 2)
+               residual = fit%residual(near(:, o, s), o)
+               residual = (residual - sum(residual)/size(residual))/(2*size(residual))
+               estimate%influence(near(:, o, s), o) = estimate%influence(near(:, o, s), o) &
+                                                      + residual
+               estimate%tail_factor(:, o) = tail_factors(tail(:, o), estimate%kappa(o))
+            end do
          end associate
-         call add_residuals_near(law, fit, o, values(:, o), of_fit, near(:, o), sums)
-         call find_quantile(sums, law%weight, p, 0.0_wp, of_sums, points)
-         estimate%value(o) = 0.5_wp*(of_fit + of_sums)
-         estimate%bias(o) = 0.5_wp*(of_fit - of_sums)   ! inwards, as plain sampling's
-         if (law%has_samples) cycle
-         pair_values = values(::pair_thinning, o)
-         call find_quantile(pair_values, law%pair_weight, p, half_pair_window, of_fit, points)
-         pair_share(points, o) = 1.0_wp/size(points)
       end do
-      call average_features(surrogate, average_row, 1.0_wp, average)
-      if (.not. law%has_samples) &
-         call add_hidden_errors(surrogate, fit, law, pair_share, &
-                                spread(1.0_wp, 1, size(values, 2)), estimate)
-      call find_weights(surrogate, fit, average, 1.0_wp, estimate%influence)
-      call find_influences(surrogate, fit, estimate)
-      do o = 1, size(values, 2)
-         residual = fit%residual(near(:, o), o)
-         residual = (residual - sum(residual)/size(residual))/(2*size(residual))
-         estimate%influence(near(:, o), o) = estimate%influence(near(:, o), o) + residual
-         estimate%tail_factor(:, o) = tail_factors(tail(:, o), estimate%kappa(o))
-      end do
-   end subroutine law_percentile
+   end subroutine law_percentiles
 
    !> Adds to each value the residual of a sample of the law predicted near it. The samples near are
    !> the same for all values in one part of the range of predictions. Other laws may have smaller
@@ -181,17 +194,22 @@ contains
       type(fit_type), intent(in) :: fit
       integer, intent(in) :: o                        !! output
       real(wp), intent(in), contiguous :: values(:)   !! (point)
-      real(wp), intent(in) :: of_fit                  !! percentile of G
-      integer, intent(out) :: near(:)                 !! samples predicted near it
+      real(wp), intent(in) :: of_fit(:)               !! percentiles of G
+      integer, intent(out) :: near(:, :)              !! (number, percentile) samples predicted near
       real(wp), intent(out), contiguous :: sums(:)    !! (point)
       integer, parameter :: n_parts = 512
       integer :: before(n_parts)   ! (part) samples before those near to its middle
       integer :: ranking(law%last - law%first + 1)           ! (rank) samples of the law
       real(wp), dimension(size(ranking)) :: place, residual  ! (rank) place of the prediction
+      integer :: turn(size(values))   ! (point) number of its residual among those near
       real(wp) :: least, parts_per_unit
-      integer :: first, k, m, n
+      integer :: first, k, m, n, n_near
 
       n = size(ranking)
+      n_near = size(near, 1)
+      do m = 1, size(turn)
+         turn(m) = m - ((m - 1)/n_near)*n_near
+      end do
       ranking = law%first - 1 + sort_order(fit%predicted(law%first:law%last, o))
       residual = fit%residual(ranking, o)
       residual = residual - sum(residual)/n
@@ -205,16 +223,16 @@ contains
             if (place(m + 1) > k - 0.5_wp) exit
             m = m + 1
          end do
-         before(k) = max(0, min(m - size(near)/2, n - size(near)))
+         before(k) = max(0, min(m - n_near/2, n - n_near))
       end do
-      do first = 0, size(values) - 1, size(near)   ! takes them in turn
-         do m = 1, min(size(near), size(values) - first)
-            sums(first + m) = values(first + m) &
-                              + residual(before(part_of(values(first + m))) + m)
-         end do
+      !$omp simd
+      do m = 1, size(values)
+         sums(m) = values(m) + residual(before(part_of(values(m))) + turn(m))
       end do
-      first = before(part_of(of_fit))
-      near = ranking(first + 1:first + size(near))
+      do k = 1, size(of_fit)
+         first = before(part_of(of_fit(k)))
+         near(:, k) = ranking(first + 1:first + n_near)
+      end do
 
    contains
 

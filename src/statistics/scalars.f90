@@ -12,7 +12,7 @@ module statistics_scalars
    use statistics_kernel_choice, only: choose_kernel
    use statistics_law, only: error_of_points
    use statistics_pool, only: over_all_samples, pool_type, least_plain_share
-   use statistics_regression, only: law_deviation, law_mean, law_percentile
+   use statistics_regression, only: law_deviation, law_mean, law_percentiles
    use statistics_sensitivity, only: find_sensitivity
    use statistics_surrogate, only: fit_outputs, fit_type, predict, surrogate_type
    implicit none(type, external)
@@ -121,7 +121,7 @@ contains
       !> Estimates the percentiles of every number for the current case.
       subroutine estimate_percentiles(best)
          type(statistic_type), intent(inout) :: best(:, :)   !! (number, statistic)
-         type(estimates_type) :: fitted, sampled, blended
+         type(estimates_type) :: fitted(size(share_below)), sampled, blended
          real(wp), dimension(size(law%weight), n_numbers) :: point_influence, values
          real(wp), dimension(n_numbers) :: least_share, point_error
          real(wp) :: ends(2), tail(2, n_numbers)
@@ -135,19 +135,18 @@ contains
          end do
          associate (own => transformed(law%first:law%last, :))
             least_share = least_plain_share(transformed_fit%residual(law%first:law%last, :), own)
+            call law_percentiles(surrogate, transformed_fit, law, values, tail, share_below, fitted)
             do p = 1, size(share_below)
-               call law_percentile(surrogate, transformed_fit, law, values, tail, share_below(p), &
-                                   fitted)
                sampled = over_all_samples(pool, case_number, &
                                           plain_percentile(own, share_below(p)), &
                                           transform(plain(:, 1 + p, case_number)%value, &
                                                     is_fraction))
                do i = 1, n_numbers   ! leaving a point out moves a percentile by 1/density
-                  point_influence(:, i) = merge(-fitted%inverse_density(i), 0.0_wp, &
-                                                values(:, i) <= fitted%value(i))
+                  point_influence(:, i) = merge(-fitted(p)%inverse_density(i), 0.0_wp, &
+                                                values(:, i) <= fitted(p)%value(i))
                end do
                call error_of_points(law, point_influence, point_error)
-               call combine(law, point_error, fitted, sampled, least_share, blended)
+               call combine(law, point_error, fitted(p), sampled, least_share, blended)
                do i = 1, n_numbers
                   ends = blended%error(i)*blended%stretch(:, i)
                   if (share_below(p) > 0.5_wp) ends(2) = upward_error(blended%value(i), ends(2))

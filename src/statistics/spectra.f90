@@ -16,7 +16,7 @@ module statistics_spectra
    use statistics_kernel_choice, only: choose_kernel
    use statistics_law, only: error_of_points
    use statistics_pool, only: over_all_samples, least_plain_share, pool_type
-   use statistics_regression, only: law_mean_of_exponential, law_percentile
+   use statistics_regression, only: law_mean_of_exponential, law_percentiles
    use statistics_surrogate, only: fit_outputs, fit_type, predict, reallocate, surrogate_type
    implicit none(type, external)
    private
@@ -33,7 +33,8 @@ module statistics_spectra
    !> Integral of a statistic over frequency, as far as it is summed.
    type :: integral_type
       real(wp) :: value = 0.0_wp, bias = 0.0_wp
-      real(wp), allocatable :: influence(:), plain_influence(:)   !! (sample)
+      !> (sample of the pool, then beyond it), (sample of the case)
+      real(wp), allocatable :: influence(:), plain_influence(:)
       !> sum over frequencies of the standard errors, and of these times the stretch down and up
       real(wp) :: error_sum = 0.0_wp, stretched_sum(2) = 0.0_wp
    end type integral_type
@@ -93,6 +94,7 @@ contains
          type(statistic_type), intent(inout) :: spectrum(:, :)   !! (frequency, statistic)
          type(statistic_type), intent(inout) :: integral(:)      !! (statistic)
          type(integral_type) :: sums(size(spectrum, 2))          ! (statistic)
+         type(estimates_type) :: fitted(size(share_below))       ! (percentile)
          integer, allocatable :: ranking(:, :)   ! (rank, frequency of the group) samples
          real(wp), allocatable :: tail(:, :)     ! (2, frequency of the group) tail_ratio of G
          !> influences of the points on the regression's share of the integrals, and of the
@@ -116,9 +118,10 @@ contains
                tail(:, f) = tail_ratio(law, values(:, f), fits(k)%predicted(:, f))
                ranking(:, f) = sort_order(outputs(law%first:law%last, first + f - 1))
             end do
+            call law_percentiles(surrogate, fits(k), law, values(:, :n), tail, share_below, fitted)
             do s = 2, size(sums)
-               call estimate_percentiles(k, s, ranking, tail, spectrum(first:last, s), sums(s), &
-                                         point_influence(:, s))
+               call estimate_percentiles(k, s, ranking, fitted(s - 1), spectrum(first:last, s), &
+                                         sums(s), point_influence(:, s))
             end do
             do f = first, last
                call sort_percentiles(spectrum(f, 2:size(sums)))
@@ -188,15 +191,15 @@ contains
          integral%value = integral%value + step*sum(blended%value)
       end subroutine estimate_means
 
-      !> Estimates one percentile of the spectrum of the current case in group k.
-      subroutine estimate_percentiles(k, s, ranking, tail, best, integral, point_influence)
+      !> Blends one percentile of the spectrum of the current case in group k.
+      subroutine estimate_percentiles(k, s, ranking, fitted, best, integral, point_influence)
          integer, intent(in) :: k, s                         !! group, statistic
          integer, intent(in) :: ranking(:, :)                !! as in estimate_case
-         real(wp), intent(in) :: tail(:, :)                  !! as in estimate_case
+         type(estimates_type), intent(in) :: fitted          !! by the regression
          type(statistic_type), intent(inout) :: best(:)      !! (frequency) of group k
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: point_influence(:)       !! on the integral
-         type(estimates_type) :: fitted, sampled, blended
+         type(estimates_type) :: sampled, blended
          real(wp) :: point_error(size(best))
          integer :: first, last, n, o
 
@@ -208,7 +211,6 @@ contains
             sampled = over_all_samples(pool, case_number, plain_percentile(own, p, ranking), &
                                        log(max(plain(first:last, s, case_number)%value, &
                                                least_density)))
-            call law_percentile(surrogate, fits(k), law, values(:, :n), tail, p, fitted)
             do o = 1, n   ! leaving a point out moves a percentile by 1/density
                averaged(:, o) = merge(-fitted%inverse_density(o), 0.0_wp, &
                                       values(:, o) <= fitted%value(o))
@@ -286,7 +288,7 @@ contains
 
       if (.not. allocated(integral%influence)) then
          allocate (integral%influence(size(blended%influence, 1)), source=0.0_wp)
-         allocate (integral%plain_influence, source=integral%influence)
+         allocate (integral%plain_influence(size(sampled%influence, 1)), source=0.0_wp)
       end if
       integral%bias = integral%bias + dot_product(slope, blended%bias)
       integral%influence = integral%influence + matmul(blended%influence, slope)
