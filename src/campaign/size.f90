@@ -20,9 +20,10 @@ module campaign_size
    use process_direct_sign_search, only: max_listed
    use process_model, only: process_model_type, process_request
    use statistics_estimates, only: numbers_of_statistic
+   use statistics_fit, only: most_pair_outputs, most_pair_samples
    use statistics_law, only: most_kept_draws, n_points
    use statistics_spectra, only: fitted_together => together
-   use statistics_surrogate, only: most_landmarks, most_pair_outputs, most_pair_samples
+   use statistics_surrogate, only: most_landmarks
    use structure_model, only: structure_type
    implicit none(type, external)
    private

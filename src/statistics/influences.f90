@@ -5,11 +5,11 @@ module statistics_influences
    use core_kinds, only: wp
    use numerics_lapack, only: multiply
    use statistics_estimates, only: estimates_type
+   use statistics_fit, only: fit_type, hidden_variance, variance_at_samples
    use statistics_law, only: choose_points, law_type, n_points
    use statistics_pool, only: pool_type
-   use statistics_surrogate, only: fit_type, find_kernel_rows, find_rest_between, &
-                                   hidden_variance, predict_variance, surrogate_type, &
-                                   variance_at_samples
+   use statistics_surrogate, only: find_kernel_rows, find_rest_between, predict_variance, &
+                                   surrogate_type
    implicit none(type, external)
    private
    public :: add_hidden_errors, case_law_type, density_tail_ratio, extrapolation_of, &

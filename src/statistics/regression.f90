@@ -7,11 +7,12 @@ module statistics_regression
    use numerics_lapack, only: multiply
    use numerics_sorting, only: sort_order
    use statistics_estimates, only: estimates_type
+   use statistics_fit, only: fit_type
    use statistics_influences, only: add_hidden_errors, case_law_type, density_tail_ratio, &
                                     find_influences, find_weights, kappa_of, pair_thinning, &
                                     scale_by_pairs, tail_factors, tail_ratio, thinning
    use statistics_percentiles, only: find_quantile
-   use statistics_surrogate, only: average_features, fit_type, surrogate_type
+   use statistics_surrogate, only: average_features, surrogate_type
    implicit none(type, external)
    private
    public :: law_deviation, law_mean, law_mean_of_exponential, law_percentiles

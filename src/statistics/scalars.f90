@@ -7,6 +7,7 @@ module statistics_scalars
    use statistics_estimates, only: estimates_type, nonnegative_statistic, plain_deviation, &
                                    plain_mean, plain_percentile, statistic_type, normal_95, &
                                    sort_percentiles, upward_error
+   use statistics_fit, only: fit_outputs, fit_type, predict
    use statistics_influences, only: case_law_type, extrapolation_of, prepare_law, &
                                     prepare_thin_points, tail_ratio
    use statistics_kernel_choice, only: choose_kernel
@@ -14,7 +15,7 @@ module statistics_scalars
    use statistics_pool, only: over_all_samples, pool_type, least_plain_share
    use statistics_regression, only: law_deviation, law_mean, law_percentiles
    use statistics_sensitivity, only: find_sensitivity
-   use statistics_surrogate, only: fit_outputs, fit_type, predict, surrogate_type
+   use statistics_surrogate, only: surrogate_type
    implicit none(type, external)
    private
    public :: estimate_scalars

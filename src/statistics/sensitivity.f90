@@ -5,8 +5,9 @@ module statistics_sensitivity
    use core_kinds, only: wp
    use numerics_lapack, only: multiply, solve_positive_definite
    use statistics_estimates, only: estimates_type, stated_error, statistic_type
+   use statistics_fit, only: fit_type
    use statistics_influences, only: case_law_type
-   use statistics_surrogate, only: average_features, fit_type, surrogate_type
+   use statistics_surrogate, only: average_features, surrogate_type
    implicit none(type, external)
    private
    public :: find_sensitivity

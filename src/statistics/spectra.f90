@@ -11,13 +11,14 @@ module statistics_spectra
    use statistics_estimates, only: downward_error, estimates_type, nonnegative_statistic, &
                                    plain_mean, plain_percentile, statistic_type, normal_95, &
                                    sort_percentiles, upward_error
+   use statistics_fit, only: fit_outputs, fit_type, predict
    use statistics_influences, only: case_law_type, extrapolation_of, prepare_law, &
                                     prepare_thin_points, tail_ratio
    use statistics_kernel_choice, only: choose_kernel
    use statistics_law, only: error_of_points
    use statistics_pool, only: over_all_samples, least_plain_share, pool_type
    use statistics_regression, only: law_mean_of_exponential, law_percentiles
-   use statistics_surrogate, only: fit_outputs, fit_type, predict, reallocate, surrogate_type
+   use statistics_surrogate, only: reallocate, surrogate_type
    implicit none(type, external)
    private
    public :: estimate_spectrum, last_powerful

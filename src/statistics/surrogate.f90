@@ -1,7 +1,7 @@
-!> Surrogate of a response: a function G of the friction values fitted to a few samples. It is
-!> kriging, computed as a ridge regression on the leading eigenvectors V of the kernel matrix K of
-!> the samples: formulas (3) and (4) of docs/regression.md. With K V = V diag(ev), the features
-!> phi_k(x) = V_k'(k(x) - mean of the rows of K)/ev_k are orthonormal over the samples.
+!> Surrogate of responses, functions of the friction values: the features in which fits G to a few
+!> samples are linear. A fit is kriging, computed as a ridge regression on the leading eigenvectors V
+!> of the kernel matrix K of the samples: formula (3) of docs/regression.md. With K V = V diag(ev),
+!> the features phi_k(x) = V_k'(k(x) - mean of the rows of K)/ev_k are orthonormal over the samples.
 module statistics_surrogate
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -9,13 +9,10 @@ module statistics_surrogate
    use statistics_kernel, only: kernel_diagonal, kernel_rows, kernel_type
    implicit none(type, external)
    private
-   public :: fit_type, surrogate_type, average_features, evenly_spaced, find_features, &
-             find_kernel_rows, find_rest_between, fit_outputs, hidden_variance, predict, &
-             predict_variance, reallocate, variance_at_samples
+   public :: surrogate_type, average_features, evenly_spaced, find_features, find_kernel_rows, &
+             find_rest_between, predict_variance, reallocate
 
    integer, parameter, public :: most_landmarks = 160
-   !> kappa is computed for 4 outputs of a fit, from the pairs of 64 samples with all
-   integer, parameter, public :: most_pair_outputs = 4, most_pair_samples = 64
    real(wp), parameter :: smallest_eigenvalue = 1.0e-10_wp   !! eigenvalue of K over the largest
    integer, parameter, public :: n_ratios = 13
    real(wp), parameter, public :: noise_ratios(n_ratios) = &
@@ -33,29 +30,11 @@ module statistics_surrogate
       real(wp) :: enlargement = 1.0_wp
       real(wp), allocatable, private :: landmark(:, :)    !! (landmark, input) standardised
       !> (landmark, feature), (feature): phi(x) = transform'k(landmark, x) - offset
-      real(wp), allocatable, private :: transform(:, :), offset(:)
+      real(wp), allocatable :: transform(:, :), offset(:)
       real(wp), private :: mean_of_kernel = 0.0_wp   !! mean of k over pairs of landmarks
       real(wp), allocatable, private :: mean_feature(:)   !! (feature) mean over the landmarks
-      real(wp), private :: mean_rest = 0.0_wp        !! mean of rest(x), formula (5), over samples
+      real(wp) :: mean_rest = 0.0_wp                 !! mean of rest(x), formula (5), over samples
    end type surrogate_type
-
-   !> Outputs as functions G of the inputs, and leave-one-out residuals.
-   type :: fit_type
-      real(wp), allocatable :: mean(:)             !! (output)
-      real(wp), allocatable :: shrink(:, :)        !! (feature, output) s_k = ev_k/(ev_k + ratio)
-      real(wp), allocatable :: coefficient(:, :)   !! (feature, output) of phi
-      integer, allocatable :: noise_ratio(:)       !! (output) number of its noise ratio
-      !> (landmark, output), (output): G(x) = row_coefficient'k(landmark, x) + constant
-      real(wp), allocatable, private :: row_coefficient(:, :), constant(:)
-      real(wp), allocatable :: residual(:, :)      !! (sample, output) e_i, leave-one-out
-      real(wp), allocatable :: one_minus_h(:, :)   !! (sample, output) 1 - h_ii
-      real(wp), allocatable :: predicted(:, :)     !! (sample, output) y_i - e_i
-      integer, allocatable :: pair_outputs(:)      !! outputs whose kappa is computed
-      integer, allocatable :: pair_samples(:)      !! samples whose pairs with all are used
-      !> (sample j, pair sample i, pair output): change of e_i by leaving out j also, and of e_j by
-      !> leaving out i also
-      real(wp), allocatable :: change_i(:, :, :), change_j(:, :, :)
-   end type fit_type
 
 contains
 
@@ -191,97 +170,6 @@ contains
       surrogate%offset = matmul(surrogate%offset, vector)
    end subroutine orthogonalise
 
-   !> Fits the outputs, each with the noise ratio of least generalised cross-validation.
-   subroutine fit_outputs(surrogate, outputs, fit)
-      type(surrogate_type), intent(in) :: surrogate
-      real(wp), intent(in), contiguous :: outputs(:, :)   !! (sample, output)
-      type(fit_type), intent(out) :: fit
-      real(wp), allocatable :: square(:, :), y(:, :), projection(:, :)
-      integer :: n, n_out, o, r
-
-      n = size(outputs, 1)
-      n_out = size(outputs, 2)
-      fit%mean = sum(outputs, 1)/n
-      allocate (fit%residual(n, n_out), fit%one_minus_h(n, n_out))
-      allocate (projection(size(surrogate%eigenvalue), n_out))
-      allocate (fit%shrink, mold=projection)
-      allocate (fit%noise_ratio(n_out))
-      allocate (y, source=outputs - spread(fit%mean, 1, n))
-      call multiply(surrogate%feature, y, projection, transposes_a=.true.)
-      do o = 1, n_out
-         r = best_noise_ratio(surrogate%eigenvalue, projection(:, o), sum(y(:, o)**2), n)
-         fit%shrink(:, o) = surrogate%eigenvalue/(surrogate%eigenvalue + noise_ratios(r))
-         fit%noise_ratio(o) = r
-      end do
-      allocate (fit%coefficient, source=fit%shrink*projection)   ! not by =, which would read bounds
-      allocate (fit%row_coefficient(size(surrogate%transform, 1), n_out))
-      call multiply(surrogate%transform, fit%coefficient, fit%row_coefficient)
-      fit%constant = fit%mean - matmul(surrogate%offset, fit%coefficient)
-      square = surrogate%feature**2
-      call multiply(surrogate%feature, fit%coefficient, fit%residual)
-      call multiply(square, fit%shrink, fit%one_minus_h)   ! h_ii - 1/n
-      fit%one_minus_h = 1.0_wp - (fit%one_minus_h + 1.0_wp/n)
-      fit%residual = (y - fit%residual)/fit%one_minus_h
-      fit%predicted = outputs - fit%residual
-      call find_pairs(surrogate, fit)
-   end subroutine fit_outputs
-
-   !> Computes the changes of the residuals by leaving out a second sample: e_i becomes
-   !> (e_i + h_ij e_j/(1 - h_i))/(1 - h_ij^2/((1 - h_i)(1 - h_j))), with the leverages
-   !> h_ij = 1/n + sum_k s_k V_ik V_jk.
-   subroutine find_pairs(surrogate, fit)
-      type(surrogate_type), intent(in) :: surrogate
-      type(fit_type), intent(inout) :: fit
-      real(wp), allocatable :: pair_leverage(:, :), shrunk(:, :)
-      real(wp) :: factor
-      integer :: i, j, k, m, n, o
-
-      n = size(fit%one_minus_h, 1)
-      fit%pair_samples = evenly_spaced(n, most_pair_samples)
-      fit%pair_outputs = evenly_spaced(size(fit%one_minus_h, 2), most_pair_outputs)
-      allocate (fit%change_i(n, size(fit%pair_samples), size(fit%pair_outputs)))
-      allocate (fit%change_j, mold=fit%change_i)
-      allocate (pair_leverage(n, size(fit%pair_samples)))
-      allocate (shrunk(size(surrogate%eigenvalue), size(fit%pair_samples)))
-      do k = 1, size(fit%pair_outputs)
-         o = fit%pair_outputs(k)
-         shrunk = transpose(surrogate%feature(fit%pair_samples, :)) &
-                  *spread(fit%shrink(:, o), 2, size(fit%pair_samples))
-         call multiply(surrogate%feature, shrunk, pair_leverage)
-         do m = 1, size(fit%pair_samples)
-            i = fit%pair_samples(m)
-            associate (e => fit%residual(:, o), rest => fit%one_minus_h(:, o), &
-                       h => pair_leverage(:, m))
-               !$omp simd
-               do j = 1, n
-                  h(j) = h(j) + 1.0_wp/n
-                  factor = 1.0_wp/(1.0_wp - h(j)**2/(rest(i)*rest(j)))
-                  fit%change_i(j, m, k) = factor*(e(i) + h(j)*e(j)/rest(i)) - e(i)
-                  fit%change_j(j, m, k) = factor*(e(j) + h(j)*e(i)/rest(j)) - e(j)
-               end do
-            end associate
-            fit%change_i(i, m, k) = 0.0_wp   ! a sample makes no pair with itself
-            fit%change_j(i, m, k) = 0.0_wp
-         end do
-      end do
-   end subroutine find_pairs
-
-   !> Number of the noise ratio with the least generalised cross-validation.
-   pure integer function best_noise_ratio(eigenvalue, projection, total, n)
-      real(wp), intent(in) :: eigenvalue(:), projection(:)   !! (feature)
-      real(wp), intent(in) :: total                          !! sum of squares of y - mean y
-      integer, intent(in) :: n                               !! samples
-      real(wp) :: shrink(size(eigenvalue)), score(n_ratios)
-      integer :: r
-
-      do r = 1, n_ratios
-         shrink = eigenvalue/(eigenvalue + noise_ratios(r))
-         score(r) = max(total - sum(shrink*(2.0_wp - shrink)*projection**2), 0.0_wp) &
-                    /(n - 1 - sum(shrink))**2
-      end do
-      best_noise_ratio = minloc(score, 1)
-   end function best_noise_ratio
-
    !> Computes averages of the features from the same averages of the kernel.
    subroutine average_features(surrogate, average_row, constant, average)
       type(surrogate_type), intent(in) :: surrogate
@@ -332,35 +220,6 @@ contains
       end do
    end subroutine find_rest_between
 
-   !> Variances of averages of the response about those of G over pairs of points, by the kernel, as
-   !> far as the residuals do not show them: formula (14).
-   function hidden_variance(surrogate, fit, weight, rest) result(variance)
-      type(surrogate_type), intent(in) :: surrogate
-      type(fit_type), intent(in) :: fit
-      real(wp), intent(in), contiguous :: weight(:, :)   !! (point, output)
-      real(wp), intent(in), contiguous :: rest(:, :)     !! (point, point) without its diagonal
-      real(wp) :: variance(size(fit%mean))
-      real(wp) :: product(size(weight, 1), size(weight, 2))
-
-      call multiply(rest, weight, product)
-      variance = sum(fit%residual**2*fit%one_minus_h, 1)/size(fit%residual, 1) &
-                 *max(sum(weight*product, 1), 0.0_wp) &
-                 /max(noise_ratios(fit%noise_ratio), surrogate%mean_rest)
-   end function hidden_variance
-
-   !> Computes G at points.
-   subroutine predict(fit, rows, values)
-      type(fit_type), intent(in) :: fit
-      real(wp), intent(in), contiguous :: rows(:, :)      !! (landmark, point) kernel
-      real(wp), intent(out), contiguous :: values(:, :)   !! (point, output)
-      integer :: o
-
-      call multiply(rows, fit%row_coefficient, values, transposes_a=.true.)
-      do o = 1, size(values, 2)
-         values(:, o) = values(:, o) + fit%constant(o)
-      end do
-   end subroutine predict
-
    !> Computes the variance v of G at points over that of the noise, formula (5), for each noise
    !> ratio: sum_k s_k phi_k^2 + rest/max(ratio, mean rest), rest = k(x, x) - sum_k ev_k phi_k(x)^2.
    !> Samples that are no landmarks have a rest too, so their noise is not less than its mean.
@@ -385,16 +244,5 @@ contains
          variance(:, r) = variance(:, r) + rest/max(noise_ratios(r), surrogate%mean_rest)
       end do
    end subroutine predict_variance
-
-   !> Mean over the samples of the variance of G at each of them from the others, over that of the
-   !> noise, for each output: h/(1 - h), and the rest as in predict_variance.
-   pure function variance_at_samples(surrogate, fit) result(variance)
-      type(surrogate_type), intent(in) :: surrogate
-      type(fit_type), intent(in) :: fit
-      real(wp) :: variance(size(fit%mean))
-
-      variance = sum(1.0_wp/fit%one_minus_h - 1.0_wp, 1)/size(fit%one_minus_h, 1) &
-                 + surrogate%mean_rest/max(noise_ratios(fit%noise_ratio), surrogate%mean_rest)
-   end function variance_at_samples
 
 end module statistics_surrogate
