@@ -137,9 +137,10 @@ contains
       real(wp) :: residual(size(near, 1)), of_fit(size(p)), of_sums    ! percentiles
       !> (every 16th point, output, percentile) near the percentile
       real(wp), allocatable :: pair_share(:, :, :)
-      real(wp), allocatable :: pair_values(:)     ! (every 16th point) G
       integer, allocatable :: points(:)
+      integer :: i, turn(size(values, 1))
 
+      turn = [(1 + modulo(i, size(near, 1)), i=0, size(turn) - 1)]   ! residuals in turn
       do s = 1, size(p)
          allocate (estimates(s)%value(size(values, 2)), estimates(s)%bias(size(values, 2)), &
                    estimates(s)%inverse_density(size(values, 2)))
@@ -156,15 +157,14 @@ contains
                                                  /sum(law%weight(points))
             end associate
          end do
-         call add_residuals_near(law, fit, o, values(:, o), of_fit, near(:, o, :), sums)
+         call add_residuals_near(law, fit, o, values(:, o), turn, of_fit, near(:, o, :), sums)
          do s = 1, size(p)
             call find_quantile(sums, law%weight, p(s), 0.0_wp, of_sums, points)
             estimates(s)%value(o) = 0.5_wp*(of_fit(s) + of_sums)
             estimates(s)%bias(o) = 0.5_wp*(of_fit(s) - of_sums)   ! inwards, as plain sampling's
             if (law%has_samples) cycle
-            pair_values = values(::pair_thinning, o)
-            call find_quantile(pair_values, law%pair_weight, p(s), half_pair_window, of_sums, &
-                               points)
+            call find_quantile(values(::pair_thinning, o), law%pair_weight, p(s), &
+                               half_pair_window, of_sums, points)
             pair_share(points, o, s) = 1.0_wp/size(points)
          end do
       end do
@@ -190,11 +190,12 @@ contains
    !> Adds to each value the residual of a sample of the law predicted near it. The samples near are
    !> the same for all values in one part of the range of predictions. Other laws may have smaller
    !> residuals at the same predictions: they come to them by other friction values.
-   pure subroutine add_residuals_near(law, fit, o, values, of_fit, near, sums)
+   pure subroutine add_residuals_near(law, fit, o, values, turn, of_fit, near, sums)
       type(case_law_type), intent(in) :: law
       type(fit_type), intent(in) :: fit
       integer, intent(in) :: o                        !! output
       real(wp), intent(in), contiguous :: values(:)   !! (point)
+      integer, intent(in), contiguous :: turn(:)      !! (point) number of its residual among those
       real(wp), intent(in) :: of_fit(:)               !! percentiles of G
       integer, intent(out) :: near(:, :)              !! (number, percentile) samples predicted near
       real(wp), intent(out), contiguous :: sums(:)    !! (point)
@@ -202,15 +203,11 @@ contains
       integer :: before(n_parts)   ! (part) samples before those near to its middle
       integer :: ranking(law%last - law%first + 1)           ! (rank) samples of the law
       real(wp), dimension(size(ranking)) :: place, residual  ! (rank) place of the prediction
-      integer :: turn(size(values))   ! (point) number of its residual among those near
       real(wp) :: least, parts_per_unit
       integer :: first, k, m, n, n_near
 
       n = size(ranking)
       n_near = size(near, 1)
-      do m = 1, size(turn)
-         turn(m) = m - ((m - 1)/n_near)*n_near
-      end do
       ranking = law%first - 1 + sort_order(fit%predicted(law%first:law%last, o))
       residual = fit%residual(ranking, o)
       residual = residual - sum(residual)/n
