@@ -8,9 +8,6 @@ module statistics_blend
    private
    public :: blend, combine, state_error
 
-   !> Factor on the errors of a law without samples, formula (14).
-   real(wp), parameter :: new_law_factor = 1.25_wp
-
 contains
 
    !> Blends the estimates of a regression with those of plain sampling and states their errors.
@@ -29,8 +26,6 @@ contains
          call blend(fitted, plain, law%first, law%last, least_share, blended)
       else
          blended = fitted
-         blended%influence = new_law_factor*fitted%influence
-         blended%bias = new_law_factor*fitted%bias
          blended%share = merge(0.0_wp, 1.0_wp, any(abs(plain%influence) > 0.0_wp, 1))
          where (blended%share > 0.0_wp) blended%value = plain%value
          if (allocated(plain%stretch)) &
