@@ -1,7 +1,8 @@
 !> Surrogate of responses, functions of the friction values: the features in which fits G to a few
-!> samples are linear. A fit is kriging, computed as a ridge regression on the leading eigenvectors V
-!> of the kernel matrix K of the samples: formula (3) of docs/regression.md. With K V = V diag(ev),
-!> the features phi_k(x) = V_k'(k(x) - mean of the rows of K)/ev_k are orthonormal over the samples.
+!> samples are linear. A fit is kriging, computed as a ridge regression on the leading eigenvectors
+!> V of the kernel matrix K of the samples: formula (3) of docs/regression.md. With K V = V
+!> diag(ev), the features phi_k(x) = V_k'(k(x) - mean of the rows of K)/ev_k are orthonormal over
+!> the samples.
 module statistics_surrogate
    use core_error, only: error_type
    use core_kinds, only: wp
