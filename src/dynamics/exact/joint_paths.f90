@@ -1,9 +1,9 @@
 !> Paths w.x of the joints of 32 samples over one part of a step, and the regimes of these joints.
 !> Either form of the exact march fills them; transitions are found from them.
 module dynamics_exact_joint_paths
+   use core_alignment, only: aligned_memory
    use core_kinds, only: long, wp
    use dynamics_joint, only: enter_transition, slider_at, slip_direction
-   use dynamics_alignment, only: aligned_memory
    use dynamics_response, only: block_state
    implicit none(type, external)
    private

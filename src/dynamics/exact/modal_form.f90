@@ -6,6 +6,7 @@
 !> take the integrals of the sliders' motion (M6). Transitions are found and made in the paths of
 !> the joints alone (dynamics_exact_modal_lane).
 module dynamics_exact_modal_form
+   use core_alignment, only: aligned_memory
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use dynamics_exact_base_system, only: base_system, raise_too_many
@@ -19,7 +20,6 @@ module dynamics_exact_modal_form
                                          multiply_strips
    use dynamics_exact_modal_terms, only: groups, lanes, path_degree
    use dynamics_exact_transitions, only: last_integral, transition_group
-   use dynamics_alignment, only: aligned_memory
    use dynamics_response, only: block_state
    use structure_model, only: structure_type
    implicit none(type, external)

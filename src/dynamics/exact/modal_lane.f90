@@ -7,8 +7,8 @@
 !> transition, all that it changes at the end follows from integrals of the slider's motion (M10:
 !> find_end_responses).
 module dynamics_exact_modal_lane
+   use core_alignment, only: lanes => register_width, whole_registers
    use core_kinds, only: wp
-   use dynamics_alignment, only: lanes => register_width, whole_registers
    use dynamics_exact_guard_zeros, only: first_transition, no_zero
    use dynamics_exact_joint_paths, only: joint_paths, regime_reach, regime_side, regime_slider
    use dynamics_exact_modal_operators, only: modal_operators

@@ -7,9 +7,9 @@
 !> S = h^2 Phi' W k. The path of joint j is u_j = (G q)_j, G = W' Phi. Numbers in brackets are
 !> formulas of docs/modal_march.md.
 module dynamics_exact_modal_operators
+   use core_alignment, only: whole_registers
    use core_error, only: error_type
    use core_kinds, only: two_pi, wp
-   use dynamics_alignment, only: whole_registers
    use dynamics_exact_modal_blocks, only: modal_blocks, new_modal_blocks
    use dynamics_exact_modal_ledger, only: modal_ledger
    use dynamics_exact_modal_terms, only: choose_terms, parts_of_step, factorial, &

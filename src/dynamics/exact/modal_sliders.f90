@@ -4,8 +4,8 @@
 !> Products leave out sliders that move in none of the eight samples. These would add zero, so the
 !> bits of a sample do not depend on the others.
 module dynamics_exact_modal_sliders
+   use core_alignment, only: aligned_memory
    use core_kinds, only: long, wp
-   use dynamics_alignment, only: aligned_memory
    use dynamics_exact_transitions, only: integral
    use dynamics_exact_modal_operators, only: strip, modal_operators
    use dynamics_exact_modal_terms, only: factorial, groups, lanes, path_degree

@@ -1,8 +1,8 @@
 !> Number of parts of a step (M7), and terms of the formulas (M8), that the modal form needs for a
 !> tolerance. Numbers in brackets are formulas of docs/modal_march.md.
 module dynamics_exact_modal_terms
+   use core_alignment, only: lanes => register_width
    use core_kinds, only: two_pi, wp
-   use dynamics_alignment, only: lanes => register_width
    use dynamics_exact_joint_paths, only: width
    use dynamics_exact_modal_blocks, only: modal_blocks
    use structure_model, only: structure_type

@@ -4,8 +4,8 @@
 !> piece of force, so that times and step sizes are whole numbers. A sample has two slots for its
 !> motion: one holds its present motion, the other that at the end of a trial step.
 module dynamics_newmark_block
+   use core_alignment, only: aligned_memory
    use core_kinds, only: long, wp
-   use dynamics_alignment, only: aligned_memory
    use dynamics_joint, only: add_frictionless_slip, count_open_slips, enter_transition, slider_at
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_response, only: block_state

@@ -1,9 +1,9 @@
 !> Rows of Newmark's march: the dofs and paths of the joints, and what changes in them when a joint
 !> switches between stick and slip.
 module dynamics_newmark_frame
+   use core_alignment, only: register_width, whole_registers
    use core_error, only: error_type
    use core_kinds, only: wp
-   use dynamics_alignment, only: register_width, whole_registers
    use numerics_lapack, only: invert_matrix, unit_matrix
    use numerics_sparse, only: sparse_matrix, sparse_of
    use structure_model, only: structure_type

@@ -11,9 +11,9 @@
 !> joints would gain in the step, is taken back,
 !>    (1/k - beta h^2 W' S^-1 W) g = W' (x1 - x0),   a1 grows by S^-1 W g.
 module dynamics_newmark_steps
+   use core_alignment, only: aligned_memory, register_width, whole_registers
    use core_error, only: error_type
    use core_kinds, only: long, wp
-   use dynamics_alignment, only: aligned_memory, register_width, whole_registers
    use dynamics_newmark_block, only: newmark_block, newmark_trial
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_response, only: march_work

@@ -125,9 +125,11 @@ contains
       logical :: is_inside
 
       longer = search
-      longer%n_steps = min(search%n_steps, max(affordable/search%problem%n_lags, 512))
-      call longer%set_single_lags(search%problem%n_lags)
-      call longer%evaluate(longer%point, state, is_inside)
+      if (search%last%batches%n_single < search%problem%n_lags) then
+         longer%n_steps = min(search%n_steps, max(affordable/search%problem%n_lags, 512))
+         call longer%set_single_lags(search%problem%n_lags)
+         call longer%evaluate(longer%point, state, is_inside)
+      end if
       call longer%estimate_lags(search%problem%n_lags, model%autocovariance, &
                                 model%autocovariance_error)
       call require_signs(search, model%autocovariance, model%autocovariance_error, error)

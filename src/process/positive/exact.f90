@@ -17,7 +17,7 @@ module process_positive_exact
                                                      symbol_of_process
    use process_positive_moments, only: add_products, batch_averages, estimate_products, new_batches
    use process_positive_truncated_normal, only: draw_truncated_lanes, lanes, log_acceptance, &
-                                                log_sqrt_two_pi, truncated_variance
+                                                log_sqrt_two_pi, reciprocal_std
    implicit none(type, external)
    private
    public :: sweeps_to_forget, sample_exact, draw_window
@@ -146,7 +146,7 @@ contains
             call store_value(length, order, history, ring%is_wound, i, scale*drawn - ring%centre, &
                              ring%d)
             if (.not. allocated(ring%y)) cycle
-            drawn = (drawn - c - hazard)/sqrt(truncated_variance(c, hazard))
+            drawn = (drawn - c - hazard)*reciprocal_std(c, hazard)
             drawn = drawn/sqrt(ring%h(0)) - neighbour_sum(order, ring%h, &
                                                           ring%y(:, i - order:i + order))/ring%h(0)
             call store_value(length, order, history, ring%is_wound, i, drawn, ring%y)

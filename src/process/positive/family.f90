@@ -50,6 +50,7 @@ module process_positive_family
       !> exact law: f of exp(- z'Gz/2 + f sum z); sequential law: conditional mean after zeros
       real(wp) :: field = 0.0_wp
       type(batch_averages) :: batches
+      integer :: n_steps = 0                         !! values of a batch
       type(positive_moments) :: moments
    end type law_estimate
 

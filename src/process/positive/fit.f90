@@ -26,12 +26,12 @@ module process_positive_fit
    private
    public :: alternating_bound, fit_positive, predict_positive
 
-   integer, parameter :: final_steps = 4096    !! steps of a batch for the solution
-   integer, parameter :: most_refinement = 16  !! largest factor by which errors raise that number
+   integer, parameter :: final_steps = 4096              !! least steps of a batch for the solution
+   integer, parameter :: most_steps = 16*final_steps     !! most of them, if errors are large
    !> wanted relative standard errors of std/mean and length
    real(wp), parameter :: ratio_goal = 2.5e-4_wp, length_goal = 2.5e-3_wp
    !> relative misses of std/mean and length on the simulated values: aimed at, and allowed
-   real(wp), parameter :: target_tolerance = 1.0e-7_wp, largest_miss = 1.0e-5_wp
+   real(wp), parameter :: target_tolerance = 1.0e-6_wp, largest_miss = 1.0e-5_wp
 
 contains
 
@@ -326,28 +326,36 @@ contains
       integer, intent(in) :: fit_steps   !! steps of a batch; 0: as the standard errors need
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: max_iterations = 20
-      real(wp) :: bound, excess
+      integer, parameter :: few_lags = 64   ! their averages cost less than one more evaluation
+      real(wp) :: bound
 
       bound = search%max_effort
       search%max_effort = huge(1.0_wp)   ! bounds searches only
-      search%n_steps = merge(fit_steps, final_steps, fit_steps > 0)
+      search%n_steps = fit_steps
+      if (fit_steps == 0) search%n_steps = steps_needed(search)
       call search%set_single_lags()
+      if (search%problem%n_lags <= few_lags) call search%set_single_lags(search%problem%n_lags)
       call restore_constraints(search, target_tolerance, max_iterations)
-      associate (moments => search%last%moments, problem => search%problem)
-         excess = max(moments%ratio_error/(ratio_goal*problem%ratio), &
-                      merge(moments%l1_error, moments%l0_error, &
-                            problem%request%correlation == 'L1') &
-                      /(length_goal*problem%request%correlation_length))
-      end associate
-      if (excess > 1.0_wp .and. fit_steps == 0 .and. search%found%violation <= largest_miss) then
-         search%n_steps = ceiling(final_steps*min(excess**2, real(most_refinement, wp)))
-         call restore_constraints(search, target_tolerance, max_iterations)
-      end if
       if (search%found%violation <= largest_miss) return
       search%max_effort = bound
       call raise(error, exit_no_solution, search%problem%name// &
                  ': the solution meets the targets on few simulated values, not on '// &
                  to_text(search%n_steps)//' in each batch')
    end subroutine match_targets
+
+   !> Steps of a batch that the wanted standard errors need, from those of the last evaluation.
+   pure integer function steps_needed(search) result(n)
+      type(sampled_objective), intent(in) :: search
+      real(wp) :: excess
+
+      associate (moments => search%last%moments, problem => search%problem)
+         excess = max(moments%ratio_error/(ratio_goal*problem%ratio), &
+                      merge(moments%l1_error, moments%l0_error, &
+                            problem%request%correlation == 'L1') &
+                      /(length_goal*problem%request%correlation_length))
+      end associate
+      n = ceiling(min(search%last%n_steps*excess**2, real(most_steps, wp)))
+      n = max(n, final_steps)
+   end function steps_needed
 
 end module process_positive_fit

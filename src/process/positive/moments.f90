@@ -67,14 +67,15 @@ contains
       real(wp), intent(in) :: d(lanes, 1 - history:n_steps)
       real(wp), intent(inout) :: sums(lanes, -1:n_single + 2)
       real(wp) :: t1(lanes), t2(lanes), t3(lanes), t4(lanes)
-      integer :: lane, m, n
+      integer :: first, lane, m(4), n
 
       t1 = 0.0_wp
       do n = 1, n_steps
          t1 = t1 + d(:, n)
       end do
       sums(:, -1) = sums(:, -1) + t1
-      do m = 0, n_single - 3, 4   ! four lags at a time: the sums stay in registers
+      do first = 0, n_single, 4   ! four lags at a time: the sums stay in registers
+         m = min(first + [0, 1, 2, 3], n_single)
          t1 = 0.0_wp
          t2 = 0.0_wp
          t3 = 0.0_wp
@@ -82,21 +83,16 @@ contains
          do n = 1, n_steps
             !$omp simd
             do lane = 1, lanes
-               t1(lane) = t1(lane) + d(lane, n)*d(lane, n - m)
-               t2(lane) = t2(lane) + d(lane, n)*d(lane, n - m - 1)
-               t3(lane) = t3(lane) + d(lane, n)*d(lane, n - m - 2)
-               t4(lane) = t4(lane) + d(lane, n)*d(lane, n - m - 3)
+               t1(lane) = t1(lane) + d(lane, n)*d(lane, n - m(1))
+               t2(lane) = t2(lane) + d(lane, n)*d(lane, n - m(2))
+               t3(lane) = t3(lane) + d(lane, n)*d(lane, n - m(3))
+               t4(lane) = t4(lane) + d(lane, n)*d(lane, n - m(4))
             end do
          end do
-         sums(:, m) = sums(:, m) + t1
-         sums(:, m + 1) = sums(:, m + 1) + t2
-         sums(:, m + 2) = sums(:, m + 2) + t3
-         sums(:, m + 3) = sums(:, m + 3) + t4
-      end do
-      do m = 4*((n_single + 1)/4), n_single
-         do n = 1, n_steps
-            sums(:, m) = sums(:, m) + d(:, n)*d(:, n - m)
-         end do
+         sums(:, first) = sums(:, first) + t1
+         if (m(2) > m(1)) sums(:, m(2)) = sums(:, m(2)) + t2
+         if (m(3) > m(2)) sums(:, m(3)) = sums(:, m(3)) + t3
+         if (m(4) > m(3)) sums(:, m(4)) = sums(:, m(4)) + t4
       end do
       if (n_lags > n_single) call add_far_products(history, n_steps, n_single + 1, n_lags, d, &
                                                    sums(:, n_single + 1), sums(:, n_single + 2))
@@ -286,30 +282,34 @@ contains
    !> Orthonormal controls from batch averages less their known means.
    pure type(control_type) function new_control(deviations) result(control)
       real(wp), intent(in) :: deviations(:, :)   !! (batch, control)
-      real(wp) :: excess, norm, column(size(deviations, 1)), overlap
-      integer :: i, j, pass
+      real(wp) :: direction(size(deviations, 1), size(deviations, 2)), excess(size(deviations, 2))
+      real(wp) :: norm, overlap
+      integer :: i, j, n, pass
 
-      allocate (control%direction(size(deviations, 1), 0), control%excess(0))
-      do j = 1, size(deviations, 2)
-         excess = sum(deviations(:, j))/size(column)
-         column = deviations(:, j) - excess
-         norm = norm2(column)
-         if (.not. norm > 0.0_wp) cycle
-         column = column/norm
-         excess = excess/norm
-         do pass = 1, 2
-            do i = 1, size(control%excess)
-               overlap = dot_product(control%direction(:, i), column)
-               column = column - overlap*control%direction(:, i)
-               excess = excess - overlap*control%excess(i)
+      n = 0   ! independent ones
+      do j = 1, size(excess)
+         associate (column => direction(:, n + 1), mean => excess(n + 1))
+            mean = sum(deviations(:, j))/size(column)
+            column = deviations(:, j) - mean
+            norm = norm2(column)
+            if (.not. norm > 0.0_wp) cycle
+            column = column/norm
+            mean = mean/norm
+            do pass = 1, 2
+               do i = 1, n
+                  overlap = dot_product(direction(:, i), column)
+                  column = column - overlap*direction(:, i)
+                  mean = mean - overlap*excess(i)
+               end do
             end do
-         end do
-         norm = norm2(column)
-         if (norm < 1.0e-8_wp) cycle   ! depends on the others
-         control%direction = reshape([control%direction, column/norm], &
-                                     [size(column), size(control%excess) + 1])
-         control%excess = [control%excess, excess/norm]
+            norm = norm2(column)
+            if (norm < 1.0e-8_wp) cycle   ! depends on the others
+            column = column/norm
+            mean = mean/norm
+         end associate
+         n = n + 1
       end do
+      control = control_type(direction(:, :n), excess(:n))
    end function new_control
 
    !> Computes the average over the batches less the error that the controls explain, and the

@@ -186,6 +186,7 @@ contains
       associate (problem => self%problem, last => self%last, stream => self%problem%stream)
          n_each = merge(ring_length(self), 1, problem%is_exact)
          n = max(self%n_steps/n_each, merge(2, problem%n_lags, problem%is_exact))
+         last%n_steps = n*n_each
          n_values = n_each*[self%n_burn_in, n_batches/lanes*n]
          call stream%restart(lanes*min(sum(n_values), most_kept/lanes))
          if (problem%is_exact) then

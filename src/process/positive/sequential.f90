@@ -4,17 +4,18 @@
 !> inverse distribution function replaces the rejection, and the acceptance probability of each step
 !> has a closed form. Everything is in units of b0.
 module process_positive_sequential
-   use core_kinds, only: wp
+   use core_alignment, only: aligned_memory
+   use core_kinds, only: long, wp
    use core_random, only: stream_type
    use process_positive_moments, only: add_products, batch_averages, n_acceptance_sums
    use process_positive_truncated_normal, only: add_logarithms, draw_truncated, &
-      draw_truncated_lanes, lanes, scale_below, truncated_variance
+      draw_truncated_lanes, lanes, reciprocal_std, scale_below, smallest_of
    implicit none(type, external)
    private
    public :: memory_of, march_chains, sample_sequential
 
    integer, parameter :: block_steps = 128   !! steps that are marched at once
-   integer, parameter :: product_steps = 8   !! steps whose acceptances share one logarithm
+   integer, parameter :: product_steps = 8   !! steps that share a logarithm and a division
 
 contains
 
@@ -33,30 +34,32 @@ contains
       type(stream_type), intent(inout) :: stream
       type(batch_averages), intent(inout) :: batches   !! allocated; a multiple of `lanes` batches
       real(wp), parameter :: far = 1.0e6_wp   ! values over the mean that grow without bound
-      real(wp), allocatable :: d(:, :), y(:, :), sums(:, :, :)
+      type(aligned_memory), target :: memory
+      real(wp), pointer, contiguous :: values(:, :, :)   ! (lane, step, 1: x - centre, 2: y)
+      real(wp), allocatable :: sums(:, :, :)
       real(wp) :: acceptance(lanes, n_acceptance_sums)
-      integer :: block, history, last, n, stretch
+      integer :: block, history, i, last, n, stretch
 
       history = max(batches%n_lags, size(a))
-      allocate (d(lanes, 1 - history:block_steps), y(lanes, 1 - history:block_steps), &
-                sums(lanes, -1:batches%n_single + 2, 2))
+      allocate (sums(lanes, -1:batches%n_single + 2, 2))
+      call memory%reserve(2_long*lanes*(history + block_steps))
+      call memory%assign_planes([lanes, history + block_steps, 2], values)
       batches%centre = centre
-      d = 0.0_wp
-      y = 0.0_wp
       do stretch = 0, size(batches%acceptance, 2)/lanes   ! 0: the burn-in
          sums = 0.0_wp
          acceptance = 0.0_wp
          do block = 1, (merge(n_steps, n_burn_in, stretch > 0) + block_steps - 1)/block_steps
-            call march_block(a, offset, companion, centre, history, stream, d, y, acceptance)
-            if (any(d(:, block_steps) > far*centre)) then
+            call march_block(a, offset, companion, centre, history, stream, values(:, :, 1), &
+                             values(:, :, 2), acceptance)
+            if (any(values(:, history + block_steps, 1) > far*centre)) then
                batches%x = 0.0_wp
                return
             end if
             if (stretch == 0) cycle
-            call add_products(history, block_steps, batches%n_single, batches%n_lags, d, &
-                              sums(:, :, 1))
-            call add_products(history, block_steps, batches%n_single, batches%n_lags, y, &
-                              sums(:, :, 2))
+            do i = 1, 2
+               call add_products(history, block_steps, batches%n_single, batches%n_lags, &
+                                 values(:, :, i), sums(:, :, i))
+            end do
          end do
          if (stretch == 0) cycle
          n = (block - 1)*block_steps
@@ -76,12 +79,14 @@ contains
                                  y(lanes, 1 - history:block_steps)
       real(wp), intent(inout) :: acceptance(lanes, n_acceptance_sums)
       real(wp) :: u(lanes*block_steps)
-      real(wp), dimension(lanes) :: alpha, c, factor, hazard, product, x
+      real(wp), dimension(lanes) :: alpha, c, factor, hazard, x
+      real(wp), dimension(lanes) :: product, reciprocals   ! of factors; sum of 1/factor, times it
       integer :: lane, n, q
 
       d(:, 1 - history:0) = d(:, block_steps + 1 - history:block_steps)
       y(:, 1 - history:0) = y(:, block_steps + 1 - history:block_steps)
       call stream%uniforms(u)
+      reciprocals = 0.0_wp
       product = 1.0_wp
       do n = 1, block_steps
          c = offset - sum(a)*centre
@@ -93,21 +98,27 @@ contains
          end do
          call draw_truncated_lanes(c, u(lanes*(n - 1) + 1:lanes*n), x, hazard, factor)
          d(:, n) = x - centre
-         y(:, n) = (x - c - hazard)/sqrt(truncated_variance(c, hazard))
+         y(:, n) = (x - c - hazard)*reciprocal_std(c, hazard)
          do q = 1, size(a)
             !$omp simd
             do lane = 1, lanes
                y(lane, n) = y(lane, n) - companion(q)*y(lane, n - q)
             end do
          end do
-         alpha = factor   ! the next line adds to sum ln alpha what the factor's logarithm lacks
-         if (minval(c) < 0.0_wp) call scale_below(c, alpha, acceptance(:, 3))
-         acceptance(:, 1) = acceptance(:, 1) + alpha
-         acceptance(:, 2) = acceptance(:, 2) + 1.0_wp/alpha
-         acceptance(:, 4) = acceptance(:, 4) + 0.5_wp*c*hazard
+         acceptance(:, 1) = acceptance(:, 1) + factor
+         reciprocals = reciprocals*factor + product
          product = product*factor
+         acceptance(:, 4) = acceptance(:, 4) + 0.5_wp*c*hazard
+         if (smallest_of(c) < 0.0_wp) then   ! what these sums lack where factor /= alpha
+            alpha = factor
+            call scale_below(c, alpha, acceptance(:, 3))
+            acceptance(:, 1) = acceptance(:, 1) + (alpha - factor)
+            acceptance(:, 2) = acceptance(:, 2) + (1.0_wp/alpha - 1.0_wp/factor)
+         end if
          if (modulo(n, product_steps) /= 0) cycle
+         acceptance(:, 2) = acceptance(:, 2) + reciprocals/product
          call add_logarithms(product, acceptance(:, 3))
+         reciprocals = 0.0_wp
          product = 1.0_wp
       end do
    end subroutine march_block

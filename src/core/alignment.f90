@@ -1,5 +1,5 @@
 !> Aligned memory and padding of arrays, so that loops load whole vector registers.
-module dynamics_alignment
+module core_alignment
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_intptr_t, c_loc
    use core_kinds, only: long, wp
    implicit none(type, external)
@@ -38,7 +38,7 @@ contains
       real(wp), pointer, contiguous, intent(out) :: planes(:, :, :)
 
       if (self%next + product(int(extents, long)) - 1 > size(self%memory, kind=long)) &
-         error stop 'dynamics_alignment: assign_planes'
+         error stop 'core_alignment: assign_planes'
       call c_f_pointer(c_loc(self%memory(self%next)), planes, extents)
       self%next = self%next + size(planes, kind=long)
    end subroutine assign_planes
@@ -50,4 +50,4 @@ contains
       whole_registers = register_width*((n + register_width - 1)/register_width)
    end function whole_registers
 
-end module dynamics_alignment
+end module core_alignment
