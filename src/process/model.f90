@@ -58,7 +58,7 @@ module process_model
    type, extends(process_moments) :: process_model_type
       type(process_request) :: request
       logical :: is_solved = .false.
-      character(:), allocatable :: reason        !! why it was refused, and what is feasible
+      character(:), allocatable :: reason        !! why it was refused or what was not searched
       integer :: order = 0                       !! M of the recursion below
       real(wp), allocatable :: a(:)              !! a_q, Eq. (39): z_n = b0 w_n - sum a_q z_(n-q)
       real(wp) :: b0 = 0.0_wp
@@ -150,13 +150,14 @@ contains
       moments%entropy = law%entropy + log(std)
    end function moments_in_unit
 
-   !> Note on a process whose K(m) alternates or whose branch is not known yet; empty for others.
+   !> Note on a process whose K(m) alternates or whose branch is not known for sure; else empty.
    pure function branch_note(model) result(note)
       type(process_model_type), intent(in) :: model
       character(:), allocatable :: note
 
       note = ''
       if (.not. (model%is_solved .and. allocated(model%branch))) return
+      if (allocated(model%reason)) note = model%reason
       if (model%branch == 'open') &
          note = 'not found in a short search: a run searches further'
       if (model%branch /= 'alternating') return

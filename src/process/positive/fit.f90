@@ -111,7 +111,12 @@ contains
          call follow_from_order_1(request, seed, .true., second, unused, failure)
          if (.not. allocated(failure)) call finish_fit(request, second, other, failure)
          if (allocated(failure)) then
-            if (allocated(error)) error%message = error%message//'; '//failure%message
+            if (allocated(error)) then
+               error%message = error%message//'; '//failure%message
+            else if (second%is_exhausted()) then
+               model%reason = 'alternating K(m) may have more entropy: their search was given '// &
+                              "up at its bound; branch = 'nonnegative' leaves it out"
+            end if
          else if (allocated(error) .or. other%entropy > model%entropy) then
             if (allocated(error)) deallocate (error)
             model = other
