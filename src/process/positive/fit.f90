@@ -115,7 +115,7 @@ contains
                error%message = error%message//'; '//failure%message
             else if (second%is_exhausted()) then
                model%reason = 'alternating K(m) may have more entropy: their search was given '// &
-                              "up at its bound; branch = 'nonnegative' leaves it out"
+                              'up at its bound; ''nonnegative'' leaves it out'
             end if
          else if (allocated(error) .or. other%entropy > model%entropy) then
             if (allocated(error)) deallocate (error)
