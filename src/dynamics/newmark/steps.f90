@@ -44,7 +44,8 @@ module dynamics_newmark_steps
       real(wp), pointer, contiguous, dimension(:, :, :) :: stiffness => null(), mass => null(), &
                                                            diagonal => null()
       !> Long frames: first and last register of rows that are not negligible in four columns of
-      !> S^-1 (1:2, four, level), of K_s and M (1:2, four), in a column of S^-1 W (1:2, joint, level)
+      !> S^-1 (1:2, four, level), K_s and M (1:2, four), and in a column of S^-1 W (1:2, joint,
+      !> level)
       integer, allocatable :: span(:, :, :), gain_span(:, :, :)
       integer, allocatable :: stiffness_span(:, :), mass_span(:, :)
       !> Long frames: (joint, joint, level) 1/k - beta h^2 W' S^-1 W
