@@ -41,8 +41,8 @@ module dynamics_exact_block_march
 
 contains
 
-   !> See marcher_type. Numbers below 2e-308 are set to zero until the return: there are many ahead of
-   !> a wave in a long chain, and Intel processors multiply them 50 times slower.
+   !> See marcher_type. Numbers below 2e-308 are set to zero until the return: there are many ahead
+   !> of a wave in a long chain, and Intel processors multiply them 50 times slower.
    subroutine advance(self, state, force, every, displacement, velocity, error)
       class(exact_march), intent(inout) :: self
       type(block_state), intent(inout) :: state
