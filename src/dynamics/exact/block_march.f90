@@ -1,7 +1,7 @@
 !> Exact march of a block, 32 samples at a time. In each part of a step it finds first the free
 !> motion of all samples, then the transitions in it (docs/exact_march.md).
 module dynamics_exact_block_march
-   use, intrinsic :: ieee_arithmetic, only: ieee_set_underflow_mode
+   use, intrinsic :: ieee_arithmetic, only: ieee_set_underflow_mode, ieee_support_underflow_control
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use dynamics_exact_base_system, only: base_system, raise_too_many
@@ -54,7 +54,7 @@ contains
       type(march_buffers) :: buffers
       integer :: first, last, part, step
 
-      call ieee_set_underflow_mode(gradual=.false.)
+      if (ieee_support_underflow_control(1.0_wp)) call ieee_set_underflow_mode(gradual=.false.)
       associate (base => self%base, structure => self%structure)
          base%keeps_ledger = state%keeps_ledger
          base%has_internal = allocated(state%internal)
