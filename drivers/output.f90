@@ -11,13 +11,14 @@ module driver_output
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
+   use core_source, only: is_folder
    use core_terminal, only: say_line => say
    use core_text, only: counted, to_text
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
    use io_earlier_results, only: case_errors, count_stored_samples, read_errors, &
                                  refuse_replacement, stored_in_results
-   use io_files, only: exists, follow_links, is_folder, remove_file
+   use io_files, only: exists, follow_links, remove_file
    use io_lock, only: lock_type, take_lock
    use io_shards, only: finished_samples, list_shards, sort_shards, shard_path, read_shard, &
                         remove_merged_shards, shard_type, stored_samples

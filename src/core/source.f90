@@ -4,7 +4,7 @@ module core_source
    use core_text, only: line_feed, to_text
    implicit none(type, external)
    private
-   public :: source_type, find_beside, is_hdf5_file, new_source, read_source
+   public :: source_type, find_beside, is_folder, is_hdf5_file, new_source, read_source
 
    character, parameter :: carriage_return = achar(13)
    !> Byte order mark with which some editors begin UTF-8 text.
@@ -60,6 +60,13 @@ contains
       inquire (file=found, exist=exists)
       if (.not. exists) found = ''
    end function find_beside
+
+   !> True if there is a folder of this name.
+   logical function is_folder(path)
+      character(*), intent(in) :: path
+
+      inquire (file=path//'/.', exist=is_folder)
+   end function is_folder
 
    !> True if the file begins with HDF5's signature.
    logical function is_hdf5_file(path)

@@ -4,6 +4,7 @@ module io_files
                                                             c_null_char, c_null_ptr, c_ptr, c_size_t
    use core_error, only: error_type
    use core_kinds, only: long
+   use core_source, only: is_folder
    use core_system, only: c_fopen, c_readlink, raise_system, system_error, text_at
    use core_terminal, only: is_terminal, standard_output, write_all
    use core_text, only: to_text
@@ -11,8 +12,7 @@ module io_files
                        c_glob, c_globfree, c_mkdir, c_remove, c_rename
    implicit none(type, external)
    private
-   public :: exists, file_size, folder_of, host_name, is_folder, is_readable, process_id, &
-             shows_on_terminal
+   public :: exists, file_size, folder_of, host_name, is_readable, process_id, shows_on_terminal
    public :: follow_links, list_files, make_folder, remove_file, rename_file, sync_file, &
              unfinished_name, write_new_file
 
@@ -27,14 +27,6 @@ contains
 
       inquire (file=path, exist=exists)
    end function exists
-
-   !> True if there is a folder of this name.
-   function is_folder(path)
-      character(*), intent(in) :: path
-      logical :: is_folder
-
-      is_folder = exists(path//'/.')
-   end function is_folder
 
    !> True if this process may read the file of this name.
    function is_readable(path)

@@ -6,7 +6,7 @@ module config_text_reader
    use config_text_value_table, only: choice_length, entry_type, name_length, word_type
    use core_complaints, only: nearest_name, suggestion
    use core_kinds, only: long, wp
-   use core_source, only: find_beside
+   use core_source, only: find_beside, is_folder
    use core_table, only: words_of
    use core_text, only: lowered, parse_integer, parse_real, to_text
    implicit none(type, external)
@@ -141,14 +141,13 @@ contains
       character(*), intent(in) :: file                 !! the value, not empty
       character(:), allocatable, intent(out) :: path
       integer, intent(in), optional :: number          !! number among the groups, default 1
-      logical :: is_folder
 
       path = find_beside(self%source(1)%name, file)
       call self%require(path /= '', group, name, 'no such file', number=number)
       if (path == '') return
-      inquire (file=path//'/.', exist=is_folder)
-      call self%require(.not. is_folder, group, name, 'is a folder, not a file', number=number)
-      if (is_folder) path = ''
+      call self%require(.not. is_folder(path), group, name, 'is a folder, not a file', &
+                        number=number)
+      if (is_folder(path)) path = ''
    end subroutine find_file
 
    !> Reads the values of an entry. A refused value of a list keeps its default; a refused single
