@@ -260,20 +260,21 @@ contains
 
    !> Memory [byte] of the matrices of a march: four copies of the structure, in the scene, the
    !> plan, the runner and the marcher, and those of the method. Newmark's scheme has two copies of
-   !> its frame, K and M, and matrices for each halving of the step. Modes have V and V^-1 of (M3),
-   !> twice while they are found. Five more matrices are buffers (measured).
+   !> its frame, K and M, and a matrix of its rows for each halving of the step. Modes have V and
+   !> V^-1 of (M3), twice while they are found. Five more matrices are buffers (measured).
    pure real(wp) function memory_of_matrices(plan) result(bytes)
       type(plan_type), intent(in) :: plan
       real(wp) :: cross, square   ! bytes of a (dof, joint) and of a (dof, dof) matrix
+      integer :: n_between        ! number of joints between dofs
 
       associate (structure => plan%structure)
          cross = real_bytes*structure%n_dof*structure%n_joints
          square = real_bytes*structure%n_dof*real(structure%n_dof, wp)
          bytes = 4*memory_of_structure(structure) + 5*square
          if (plan%integration%method == 'newmark') then
-            bytes = bytes + 2*(5*square + 4*cross) + 2*square &
-                    + (plan%integration%max_halvings + 1) &
-                    *(square + cross + real_bytes*real(structure%n_joints, wp)**2)
+            n_between = count(count(abs(structure%direction) > 0.0_wp, 1) > 1)
+            bytes = bytes + 12*square + 8*cross + (plan%integration%max_halvings + 1) &
+                    *real_bytes*real(structure%n_dof + n_between, wp)**2
          else if (.not. structure%has_lumped_mass()) then
             bytes = bytes + 16*square
          end if

@@ -10,6 +10,7 @@
 !> stuck, and correct a1 by the Woodbury formula: g, the force that the springs of the slipping
 !> joints would gain in the step, is taken back,
 !>    (1/k - beta h^2 W' S^-1 W) g = W' (x1 - x0),   a1 grows by S^-1 W g.
+!> All this is in Z S^-1 Z', because the paths W' x of the joints are among the rows Z x.
 module dynamics_newmark_steps
    use core_alignment, only: aligned_memory, register_width, whole_registers
    use core_error, only: error_type
@@ -26,30 +27,30 @@ module dynamics_newmark_steps
    integer, parameter :: narrow = 5      !! columns of up to 5 dofs; of more: whole registers
    integer, parameter :: n_weights = 8
 
-   !> Matrices of all levels of halving. Rows are those of the frame, columns the dofs, both padded.
+   !> Matrices of all levels of halving. Rows are those of the frame, padded.
    type :: newmark_steps
       type(newmark_frame) :: frame
       integer :: max_halvings = 0
-      integer :: columns = narrow         !! columns of the dofs
+      integer :: columns = narrow         !! columns of S^-1
       integer :: n_patterns = 1
       logical :: is_lumped = .false.      !! True if M is diagonal
+      !> Long frames have K_s and M by diagonals, that with offset k of the entries (i, 1 + modulo(i
+      !> - 1 + k, n)); offsets of those that are not zero
+      integer, allocatable :: stiffness_offset(:), mass_offset(:)
       !> (1:8, level) factors of a0, a1 in v1; of v0 (h), a0, a1 in x1; (1 - gamma)/gamma; h/dt; h
       !> (1/2 - beta/gamma)
       real(wp), allocatable :: weight(:, :)
-      !> (row, column, entry) S^-1 and, in long frames, S^-1 W; entry = (max_halvings + 1) pattern +
-      !> level, from 0
+      !> (row, column, entry) Z S^-1 of a short frame, Z S^-1 Z' of a long one; entry =
+      !> (max_halvings + 1) pattern + level, from 0
       real(wp), pointer, contiguous :: inverse(:, :, :) => null()
-      !> (row, column, pattern from 1) K_s; (row, column, 1) M/gamma without its diagonal; (row, :,
-      !> 1) its diagonal, then b of each force
+      !> (row, column or diagonal, pattern from 1) K_s; (row, column or diagonal, 1) M/gamma without
+      !> its diagonal; (row, :, 1) its diagonal, then b of each force
       real(wp), pointer, contiguous, dimension(:, :, :) :: stiffness => null(), mass => null(), &
                                                            diagonal => null()
       !> Long frames: first and last register of rows that are not negligible in four columns of
-      !> S^-1 (1:2, four, level), K_s and M (1:2, four), and in a column of S^-1 W (1:2, joint,
-      !> level)
-      integer, allocatable :: span(:, :, :), gain_span(:, :, :)
-      integer, allocatable :: stiffness_span(:, :), mass_span(:, :)
-      !> Long frames: (joint, joint, level) 1/k - beta h^2 W' S^-1 W
-      real(wp), allocatable :: compliance(:, :, :)
+      !> Z S^-1 Z' (1:2, four, level)
+      integer, allocatable :: span(:, :, :)
+      real(wp), allocatable :: flexibility(:)   !! long frames: 1/k of the joint of a row [m/N]
       type(aligned_memory), private :: memory
    contains
       procedure :: try_steps
@@ -66,10 +67,15 @@ contains
       real(wp), intent(in) :: beta, gamma
       type(newmark_steps), intent(out) :: steps
       type(error_type), allocatable, intent(out) :: error
+      real(wp), dimension(frame%n_dof, frame%n_dof) :: coupled_mass, stiffness
       real(wp) :: h
       logical :: is_stuck(frame%structure%n_joints)
       integer :: i, j, level, pattern
 
+      coupled_mass = frame%structure%mass/gamma
+      do i = 1, frame%n_dof
+         coupled_mass(i, i) = 0.0_wp
+      end do
       steps%frame = frame
       steps%max_halvings = max_halvings
       steps%is_lumped = frame%structure%has_lumped_mass()
@@ -80,115 +86,140 @@ contains
                                    h**2*beta, (1.0_wp - gamma)/gamma, 0.5_wp**level, &
                                    h*(0.5_wp - beta/gamma)]
       end do
+      is_stuck = .true.
+      stiffness = frame%structure%stuck_stiffness(is_stuck)
+      steps%stiffness_offset = offsets_of(stiffness)
+      steps%mass_offset = offsets_of(coupled_mass)
       call allocate_matrices(steps)
       associate (n => frame%n_dof, structure => frame%structure)
-         steps%mass(:n, :n, 1) = structure%mass/gamma
-         do i = 1, n
-            steps%diagonal(i, 1, 1) = steps%mass(i, i, 1)
-            steps%mass(i, i, 1) = 0.0_wp
-         end do
+         steps%diagonal(:n, 1, 1) = [(structure%mass(i, i)/gamma, i=1, n)]
          steps%diagonal(:n, 2:, 1) = structure%load
+         if (frame%is_short) then
+            steps%mass(:n, :n, 1) = coupled_mass
+         else
+            call copy_diagonals(coupled_mass, steps%mass_offset, steps%mass(:, :, 1))
+            call copy_diagonals(stiffness, steps%stiffness_offset, steps%stiffness(:, :, 1))
+         end if
          do pattern = 0, steps%n_patterns - 1
-            is_stuck = [(btest(pattern, j - 1) .or. .not. frame%is_short, j=1, size(is_stuck))]
-            steps%stiffness(:n, :n, 1 + pattern) = structure%stuck_stiffness(is_stuck)
+            if (frame%is_short) then
+               is_stuck = [(btest(pattern, j - 1), j=1, size(is_stuck))]
+               stiffness = structure%stuck_stiffness(is_stuck)
+               steps%stiffness(:n, :n, 1 + pattern) = stiffness
+            end if
             do level = 0, max_halvings
-               call form_inverse(pattern, level, beta, gamma, steps, error)
+               call form_inverse(stiffness, pattern, level, beta, gamma, steps, error)
                if (allocated(error)) return
             end do
          end do
       end associate
-      if (frame%is_short) return
-      do i = 1, steps%columns/4
-         associate (four => [(j, j=4*i - 3, 4*i)])
-            steps%stiffness_span(:, i) = span_of(any(abs(steps%stiffness(:, four, 1)) > 0.0_wp, 2))
-            steps%mass_span(:, i) = span_of(any(abs(steps%mass(:, four, 1)) > 0.0_wp, 2))
-         end associate
-      end do
    end subroutine new_newmark_steps
+
+   !> Offsets k of the diagonals (i, 1 + modulo(i - 1 + k, n)) that are not zero.
+   pure function offsets_of(matrix) result(offsets)
+      real(wp), intent(in) :: matrix(:, :)
+      integer, allocatable :: offsets(:)
+      logical :: has_entry(0:size(matrix, 1) - 1)
+      integer :: i, j
+
+      has_entry = .false.
+      do j = 1, size(matrix, 2)
+         do i = 1, size(matrix, 1)
+            if (abs(matrix(i, j)) > 0.0_wp) has_entry(modulo(j - i, size(has_entry))) = .true.
+         end do
+      end do
+      offsets = pack([(i, i=0, ubound(has_entry, 1))], has_entry)
+   end function offsets_of
+
+   !> Copies the diagonals of a matrix with the listed offsets to columns.
+   pure subroutine copy_diagonals(matrix, offsets, diagonals)
+      real(wp), intent(in) :: matrix(:, :)
+      integer, intent(in) :: offsets(:)
+      real(wp), intent(inout) :: diagonals(:, :)   !! (row, diagonal)
+      integer :: d, i
+
+      do d = 1, size(offsets)
+         do i = 1, size(matrix, 1)
+            diagonals(i, d) = matrix(i, 1 + modulo(i - 1 + offsets(d), size(matrix, 1)))
+         end do
+      end do
+   end subroutine copy_diagonals
 
    !> Allocates all matrices, filled with zeros.
    subroutine allocate_matrices(steps)
       type(newmark_steps), intent(inout) :: steps
       real(wp), pointer, contiguous :: planes(:, :, :)
-      integer :: columns, entries
+      integer :: entries, n_mass, n_stiffness
 
       associate (frame => steps%frame, structure => steps%frame%structure, n => steps%columns)
-         n = merge(narrow, whole_registers(frame%n_dof), frame%is_short .and. frame%n_dof <= narrow)
-         columns = n
+         n = merge(narrow, frame%n_padded, frame%is_short .and. frame%n_dof <= narrow)
+         n_mass = n
+         n_stiffness = n
          if (frame%is_short) then
             steps%n_patterns = 2**structure%n_joints
          else
-            columns = n + structure%n_joints
-            allocate (steps%span(2, n/4, 0:steps%max_halvings), steps%stiffness_span(2, n/4), &
-                      steps%mass_span(2, n/4), &
-                      steps%gain_span(2, structure%n_joints, 0:steps%max_halvings), &
-                      steps%compliance(structure%n_joints, structure%n_joints, &
-                                       0:steps%max_halvings))
+            n_mass = size(steps%mass_offset)
+            n_stiffness = size(steps%stiffness_offset)
+            allocate (steps%span(2, n/4, 0:steps%max_halvings))
+            allocate (steps%flexibility(n), source=0.0_wp)
+            steps%flexibility(frame%row) = 1.0_wp/structure%joint_stiffness
          end if
          entries = steps%n_patterns*(steps%max_halvings + 1)
-         call steps%memory%reserve(int(frame%n_padded, long)*(columns*entries &
-                                                              + n*(1 + steps%n_patterns) &
+         call steps%memory%reserve(int(frame%n_padded, long)*(n*entries + n_mass &
+                                                              + n_stiffness*steps%n_patterns &
                                                               + 1 + structure%n_forces))
-         call steps%memory%assign_planes([frame%n_padded, columns, entries], planes)
+         call steps%memory%assign_planes([frame%n_padded, n, entries], planes)
          steps%inverse(1:, 1:, 0:) => planes
-         call steps%memory%assign_planes([frame%n_padded, n, steps%n_patterns], steps%stiffness)
-         call steps%memory%assign_planes([frame%n_padded, n, 1], steps%mass)
+         call steps%memory%assign_planes([frame%n_padded, n_stiffness, steps%n_patterns], &
+                                         steps%stiffness)
+         call steps%memory%assign_planes([frame%n_padded, n_mass, 1], steps%mass)
          call steps%memory%assign_planes([frame%n_padded, 1 + structure%n_forces, 1], &
                                          steps%diagonal)
       end associate
    end subroutine allocate_matrices
 
    !> Forms S^-1 of one pattern and level, and what a long frame needs beside it.
-   subroutine form_inverse(pattern, level, beta, gamma, steps, error)
+   subroutine form_inverse(stiffness, pattern, level, beta, gamma, steps, error)
+      real(wp), intent(in) :: stiffness(:, :)   !! K_s
       integer, intent(in) :: pattern, level
       real(wp), intent(in) :: beta, gamma
       type(newmark_steps), intent(inout) :: steps
       type(error_type), allocatable, intent(out) :: error
       real(wp) :: inverse(steps%frame%n_dof, steps%frame%n_dof)   ! S^-1
-      real(wp), allocatable :: mobility(:, :), s(:, :)
-      integer :: i, j
+      real(wp), allocatable :: columns(:, :), s(:, :)
+      integer :: i
 
       associate (structure => steps%frame%structure, frame => steps%frame, &
                  h => steps%weight(3, level), n => steps%frame%n_dof, m => steps%frame%n_rows, &
-                 entry => (steps%max_halvings + 1)*pattern + level, columns => steps%columns)
-         s = structure%mass + gamma*h*structure%damping &
-             + beta*h**2*steps%stiffness(:n, :n, 1 + pattern)
+                 entry => (steps%max_halvings + 1)*pattern + level)
+         s = structure%mass + gamma*h*structure%damping + beta*h**2*stiffness
          inverse = unit_matrix(n)
          call solve_positive_definite(s, inverse, error)
          if (allocated(error)) return
-         associate (rows => steps%inverse(:m, :, entry))
-            rows(:, :n) = frame%rows_of(inverse)
-            if (frame%is_short) return
-            rows(:, columns + 1:) = frame%rows_of(matmul(inverse, structure%direction))
-            mobility = transpose(rows(:, :n))   ! alone, as gfortran 12 needs a copy
-            mobility = frame%rows_of(mobility)
-            do i = 1, columns/4
-               steps%span(:, i, level) = span_of(that_count(rows(:, 4*i - 3:4*i), mobility))
-            end do
-            do j = 1, structure%n_joints
-               associate (gain => rows(:, columns + j:columns + j))
-                  steps%gain_span(:, j, level) = span_of(that_count(gain, mobility))
-                  steps%compliance(:, j, level) = -beta*h**2*gain(frame%row, 1)
-               end associate
-               steps%compliance(j, j, level) = steps%compliance(j, j, level) &
-                                               + 1.0_wp/structure%joint_stiffness(j)
-            end do
-         end associate
+         if (frame%is_short) then
+            steps%inverse(:m, :n, entry) = frame%rows_of(inverse)
+            return
+         end if
+         columns = transpose(frame%rows_of(inverse))   ! alone, as gfortran 12 needs a copy
+         steps%inverse(:m, :m, level) = frame%rows_of(columns)
+         do i = 1, steps%columns/4
+            steps%span(:, i, level) = span_of(that_count(steps%inverse(:m, :m, level), 4*i - 3, &
+                                                         min(4*i, m)))
+         end do
       end associate
    end subroutine form_inverse
 
-   !> Rows that are not negligible in any of the columns. The others change products by less than
-   !> rounding, in the norm of S.
-   pure function that_count(matrix, mobility) result(counts)
-      real(wp), intent(in) :: matrix(:, :)     !! (row, column)
-      real(wp), intent(in) :: mobility(:, :)   !! Z S^-1 Z' (row, row)
+   !> Rows of Z S^-1 Z' that are not negligible in any of the columns first..last. The others change
+   !> products by less than rounding, in the norm of S.
+   pure function that_count(matrix, first, last) result(counts)
+      real(wp), intent(in) :: matrix(:, :)   !! (row, row)
+      integer, intent(in) :: first, last
       logical :: counts(size(matrix, 1))
       real(wp) :: effect(size(matrix, 1))
       integer :: i, j
 
       counts = .false.
-      do j = 1, size(matrix, 2)
-         effect = [(abs(matrix(i, j))/sqrt(mobility(i, i)), i=1, size(effect))]
+      do j = first, last
+         effect = [(abs(matrix(i, j))/sqrt(matrix(i, i)), i=1, size(effect))]
          counts = counts .or. effect > epsilon(1.0_wp)/size(effect)*maxval(effect)
       end do
    end function that_count
@@ -210,11 +241,12 @@ contains
       real(wp), parameter :: per_release = 750.0_wp, per_row = 20.0_wp      ! in long frames
       real(wp), parameter :: mean_level = 0.75_wp   ! mean span of all levels over that of level 0
 
-      associate (n => size(self%inverse, 1))
+      associate (n => size(self%inverse, 1), n_fours => (self%frame%n_dof + 3)/4)
          work%step = per_trial + n*(2*self%columns + self%frame%structure%n_forces)
          if (allocated(self%span)) &
             work%step = per_trial + per_release + per_row*n &
-                        + mean_level*4*rows*sum(self%span(2, :, 0) - self%span(1, :, 0) + 1)
+                        + mean_level*4*rows*sum(self%span(2, :n_fours, 0) &
+                                                - self%span(1, :n_fours, 0) + 1)
       end associate
       work%transition = (1.0_wp + 1.5_wp*self%max_halvings)*work%step + per_switch
    end function work
@@ -261,8 +293,7 @@ contains
       real(wp) :: change
       integer :: f
 
-      associate (weight => self%weight(:, trial%level), registers => size(new, 1)/rows, &
-                 n => self%columns)
+      associate (weight => self%weight(:, trial%level), n => self%frame%n_dof)
          new(:, 3) = self%diagonal(:, 1, 1)*old(:, 1)
          do f = 1, self%frame%structure%n_forces
             change = weight(7)*(force(trial%step + 1, trial%column + f) &
@@ -270,16 +301,44 @@ contains
             new(:, 3) = new(:, 3) + self%diagonal(:, f + 1, 1)*change
          end do
          new(:, 1) = -weight(3)*(old(:, 2) + weight(8)*old(:, 1))
-         call add_product(registers, n, self%stiffness_span, self%stiffness, new(:, 1), new(:, 3))
-         if (.not. self%is_lumped) &
-            call add_product(registers, n, self%mass_span, self%mass, old(:, 1), new(:, 3))
+         call add_diagonals(size(new, 1)/rows, n, self%stiffness_offset, self%stiffness, new, &
+                            new(:, 3))
+         if (self%is_lumped) return
+         new(:, 1) = old(:, 1)
+         call add_diagonals(size(new, 1)/rows, n, self%mass_offset, self%mass, new, new(:, 3))
       end associate
    end subroutine find_long_push
+
+   !> Adds to p the product of a matrix, given by its diagonals, with the first n numbers of a
+   !> buffer, which are repeated after them.
+   pure subroutine add_diagonals(registers, n, offset, diagonal, vector, p)
+      integer, intent(in) :: registers, n
+      integer, intent(in), contiguous :: offset(:)
+      real(wp), intent(in) :: diagonal(rows, registers, size(offset))
+      real(wp), intent(inout) :: vector(2*rows*registers), p(rows, registers)
+      real(wp) :: total(rows)
+      integer :: d, i, r
+
+      !$omp simd
+      do i = 1, n
+         vector(n + i) = vector(i)
+      end do
+      do r = 1, registers
+         total = p(:, r)
+         do d = 1, size(offset)
+            !$omp simd
+            do i = 1, rows
+               total(i) = total(i) + diagonal(i, r, d)*vector(rows*(r - 1) + offset(d) + i)
+            end do
+         end do
+         p(:, r) = total
+      end do
+   end subroutine add_diagonals
 
    !> Makes a trial step of a long frame: a1 with all joints stuck, then the correction for the
    !> slipping ones.
    pure subroutine try_long_frame(self, level, bounds, old, new, list, factor, has_crossed)
-      type(newmark_steps), intent(in) :: self
+      class(newmark_steps), intent(in) :: self
       integer, intent(in) :: level
       real(wp), intent(in), contiguous :: bounds(:, :), old(:, :)
       real(wp), intent(inout), contiguous :: new(:, :)         !! column 3: p
@@ -288,24 +347,27 @@ contains
       integer(long), intent(out) :: has_crossed
       integer :: j, m
 
-      associate (inverse => self%inverse(:, :, level))
-         new(:, 1) = -self%weight(6, level)*old(:, 1)
-         call add_product(size(new, 1)/rows, self%columns, self%span(:, :, level), inverse, &
-                          new(:, 3), new)
+      associate (weight => self%weight(:, level), registers => size(new, 1)/rows, &
+                 inverse => self%inverse(:, :, level), span => self%span(:, :, level))
+         new(:, 1) = -weight(6)*old(:, 1)
+         call add_product(registers, self%frame%n_dof, span, inverse, new(:, 3), new)
+         new(:, 2) = weight(3)*old(:, 2) + weight(4)*old(:, 1) + weight(5)*new(:, 1)
          m = 0
-         do j = 1, size(factor, 2)   ! without a branch, which could not be predicted
-            list(m + 1) = j
-            m = m + merge(0, 1, bounds(self%frame%row(j), 4) > 0.0_wp)
+         do j = 1, size(self%frame%row)   ! without a branch, which could not be predicted
+            list(m + 1) = self%frame%row(j)
+            m = m + merge(0, 1, bounds(list(m + 1), 4) > 0.0_wp)
          end do
-         call release(self, level, list(:m), old, inverse(:, self%columns + 1:), factor, new(:, 1))
-         call finish_trial(size(new, 1), self%weight(:, level), bounds, old, new, has_crossed)
+         call release(registers, list(:m), weight(5), self%flexibility, span, inverse, new(:, 2), &
+                      factor, new)
+         call finish_trial(size(new, 1), weight, bounds, old, new, has_crossed)
       end associate
    end subroutine try_long_frame
 
-   !> Adds A f to a, four columns at a time.
+   !> Adds A f to a, four columns at a time. f is zero beyond n.
    pure subroutine add_product(registers, n, span, matrix, f, a)
-      integer, intent(in) :: registers, n, span(2, n/4)
-      real(wp), intent(in) :: matrix(rows, registers, n), f(n)
+      integer, intent(in) :: registers, n
+      integer, intent(in) :: span(2, 2*registers)
+      real(wp), intent(in) :: matrix(rows, registers, rows*registers), f(rows*registers)
       real(wp), intent(inout) :: a(rows, registers)
       integer :: j, r
 
@@ -317,56 +379,49 @@ contains
       end do
    end subroutine add_product
 
-   !> Adds a column times a factor to a.
-   pure subroutine add_column(registers, span, column, factor, a)
-      integer, intent(in) :: registers, span(2)
-      real(wp), intent(in) :: column(rows, registers), factor
-      real(wp), intent(inout) :: a(rows, registers)
-      integer :: r
-
-      do r = span(1), span(2)
-         a(:, r) = a(:, r) + column(:, r)*factor
-      end do
-   end subroutine add_column
-
-   !> Adds S^-1 W g of the listed joints to a, so that they slip. Column j of `factor` has row j of
-   !> the matrix from its diagonal on, then the right side, which g replaces. Eliminates by itself,
-   !> since calls of LAPACK cost more than these few rows.
-   pure subroutine release(self, level, list, old, gain, factor, a)
-      type(newmark_steps), intent(in) :: self
-      integer, intent(in) :: level, list(:)
-      real(wp), intent(in), contiguous :: old(:, :), gain(:, :)   !! gain: S^-1 W
-      real(wp), intent(inout), contiguous :: factor(:, :), a(:)
+   !> Adds S^-1 W g to a, so that the joints of the listed rows slip. Row j of the matrix is in
+   !> column j of `factor` from its diagonal on. Eliminates by itself, since calls of LAPACK cost
+   !> more than these few rows.
+   pure subroutine release(registers, list, share_of_a, flexibility, span, inverse, g, factor, a)
+      integer, intent(in) :: registers
+      integer, intent(in), contiguous :: list(:)
+      real(wp), intent(in) :: share_of_a         !! beta h^2
+      real(wp), intent(in) :: flexibility(rows*registers)
+      integer, intent(in) :: span(2, 2*registers)
+      real(wp), intent(in) :: inverse(rows*registers, rows*registers)
+      real(wp), intent(inout) :: g(rows*registers)   !! (row) first the right side Z (x1 - x0)
+      real(wp), intent(inout), contiguous :: factor(:, :)
+      real(wp), intent(inout) :: a(rows*registers)
       real(wp) :: share
-      integer :: i, j, k, m
+      integer :: i, j, k
 
-      m = size(list)
-      associate (weight => self%weight(:, level), row => self%frame%row, &
-                 span => self%gain_span(:, :, level), compliance => self%compliance(:, :, level))
-         do j = 1, m
-            do i = j, m
-               factor(i, j) = compliance(list(i), list(j))
-            end do
-            factor(m + 1, j) = weight(3)*old(row(list(j)), 2) + weight(4)*old(row(list(j)), 1) &
-                               + weight(5)*a(row(list(j)))
+      do j = 1, size(list)
+         do i = j, size(list)
+            factor(i, j) = -share_of_a*inverse(list(i), list(j))
          end do
-         do j = 1, m
-            factor(j, j) = 1.0_wp/factor(j, j)
-            do i = j + 1, m
-               share = factor(i, j)*factor(j, j)
-               do k = i, m + 1
-                  factor(k, i) = factor(k, i) - share*factor(k, j)
-               end do
+         factor(j, j) = factor(j, j) + flexibility(list(j))
+      end do
+      do j = 1, size(list)
+         factor(j, j) = 1.0_wp/factor(j, j)
+         do i = j + 1, size(list)
+            share = factor(i, j)*factor(j, j)
+            g(list(i)) = g(list(i)) - share*g(list(j))
+            do k = i, size(list)
+               factor(k, i) = factor(k, i) - share*factor(k, j)
             end do
          end do
-         do j = m, 1, -1
-            do i = j + 1, m
-               factor(m + 1, j) = factor(m + 1, j) - factor(i, j)*factor(m + 1, i)
-            end do
-            factor(m + 1, j) = factor(m + 1, j)*factor(j, j)
-            call add_column(size(a)/rows, span(:, list(j)), gain(:, list(j)), factor(m + 1, j), a)
+      end do
+      do j = size(list), 1, -1
+         do i = j + 1, size(list)
+            g(list(j)) = g(list(j)) - factor(i, j)*g(list(i))
          end do
-      end associate
+         g(list(j)) = g(list(j))*factor(j, j)
+         associate (four => (list(j) + 3)/4)
+            do i = rows*span(1, four) - rows + 1, rows*span(2, four)
+               a(i) = a(i) + inverse(i, list(j))*g(list(j))
+            end do
+         end associate
+      end do
    end subroutine release
 
    !> Finds v1 and x1 from a1, and whether a joint is beyond its limit.
