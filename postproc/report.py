@@ -6,6 +6,7 @@ import base64
 from collections.abc import Sequence
 from html import escape
 from importlib import resources
+from itertools import zip_longest
 from pathlib import Path
 
 from .figures.figure import SECTIONS, Figure
@@ -197,16 +198,21 @@ def _numbers(statement: Statement) -> str:
 
 def _tables(tables: Sequence[Table]) -> str:
     """Tables in rows, as many beside one another as the page is wide."""
-    return f'<div class="tables">{"".join(map(_table, tables))}</div>' if tables else ""
+    parts = "".join(
+        _table(table, has_note=after is None or after.note != table.note)
+        for table, after in zip_longest(tables, tables[1:])
+    )
+    return f'<div class="tables">{parts}</div>' if tables else ""
 
 
-def _table(table: Table) -> str:
+def _table(table: Table, *, has_note: bool) -> str:
+    """One table; a note that the next table repeats is left to that one."""
     head = "".join(f"<th>{escape(cell)}</th>" for cell in table.header)
     body = "".join(
         f"<tr{_paper_class(row)}>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
         for row in table.rows
     )
-    note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
+    note = f'<p class="note">{escape(table.note)}</p>' if table.note and has_note else ""
     return (
         f"<div><h3>{escape(table.title)}</h3>"
         f'<div class="scroll"><table id="{table.name}"><thead><tr>{head}</tr></thead>'

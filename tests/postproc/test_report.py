@@ -13,6 +13,7 @@ from entroslip.__main__ import main
 from entroslip.figures.figure import Figure
 from entroslip.paper.statements import assess
 from entroslip.report import write_report
+from entroslip.table import Table
 from tests.postproc.synthetic import friction_study
 
 FLAGS = [
@@ -66,6 +67,16 @@ def test_verdicts_stand_in_table_and_captions(tmp_path):
     assert caption.count('class="verdict') == 2
     assert "key observation (iii)" in page
     assert "Bonferroni" in page
+
+
+def test_a_note_of_several_tables_in_turn_stands_once(tmp_path):
+    tables = [
+        Table(f"t{i}", "Title", ("a",), (("1",),), note, is_result=True)
+        for i, note in enumerate(("Same.", "Same.", "Other.", "Same."))
+    ]
+    write_report([friction_study(n_samples=20)], [], tables, [], tmp_path / "report.html")
+    notes = re.findall(r'<p class="note">(\w+\.)</p>', (tmp_path / "report.html").read_text())
+    assert notes == ["Same.", "Other.", "Same."]
 
 
 @pytest.mark.skipif(not shutil.which("chromium"), reason="chromium is not installed")
