@@ -208,6 +208,8 @@ contains
       associate (p => scene%output%percentiles, accuracy => scene%accuracy)
          call reader%require(all(p(2:) > p(:size(p) - 1)), 'output', 'percentiles', &
                              'must ascend')
+         call reader%require(any(p > 1.0_wp), 'output', 'percentiles', &
+                             'are in %: 5 and 95, not 0.05 and 0.95')
          if (accuracy%sample_until_met) then
             call reader%require(accuracy%target_statistical > 0.0_wp, 'accuracy', &
                                 'sample_until_met', 'needs a target_statistical')
