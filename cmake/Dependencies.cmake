@@ -26,9 +26,3 @@ if(NOT TARGET entroslip::fftw)
   # not target_include_directories: gfortran needs the path even where it is /usr/include
   target_compile_options(entroslip::fftw INTERFACE -I${FFTW3_INCLUDE_DIR})
 endif()
-
-find_library(NLOPT_LIBRARY nlopt REQUIRED)
-if(NOT TARGET entroslip::nlopt)
-  add_library(entroslip::nlopt INTERFACE IMPORTED)
-  target_link_libraries(entroslip::nlopt INTERFACE ${NLOPT_LIBRARY})
-endif()

@@ -28,7 +28,7 @@ foreach(floor io io_hdf5 config config_groups config_text parallel tradeoff camp
 endforeach()
 list(APPEND pkgconfig_libraries
   ${HDF5_Fortran_HL_LIBRARIES} ${HDF5_Fortran_LIBRARIES} ${MPI_Fortran_LIBRARIES}
-  ${NLOPT_LIBRARY} ${FFTW3_LIBRARY} ${LAPACK_LIBRARIES} ${BLAS_LIBRARIES} ${pkgconfig_dl})
+  ${FFTW3_LIBRARY} ${LAPACK_LIBRARIES} ${BLAS_LIBRARIES} ${pkgconfig_dl})
 list(REMOVE_DUPLICATES pkgconfig_libraries)
 list(JOIN pkgconfig_modules " " pkgconfig_modules)
 list(JOIN pkgconfig_libraries " " pkgconfig_libraries)

@@ -12,7 +12,6 @@ module driver_provenance
    use io_store, only: create_unfinished, discard_file, shard_store
    use numerics_fftw, only: fftw_library
    use numerics_lapack, only: lapack_version
-   use numerics_nlopt, only: nlopt_library
    use parallel_world, only: mpi_library
    implicit none(type, external)
    private
@@ -84,8 +83,7 @@ contains
              'MPI           '//mpi_library()//nl// &
              'HDF5          '//hdf5_library()//nl// &
              'FFTW          '//fftw_library()//nl// &
-             'LAPACK        '//lapack_version()//nl// &
-             'NLopt         '//nlopt_library()
+             'LAPACK        '//lapack_version()
    end function version_text
 
 end module driver_provenance

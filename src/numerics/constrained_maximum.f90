@@ -1,7 +1,8 @@
 !> Maximum of a smooth function under a few equality constraints, from a start nearby.
 !>
-!> Sequential quadratic programming with an inverse Hessian (BFGS) and gradients by differences, for
-!> functions that are sampled with common random numbers: smooth, expensive, without derivatives.
+!> Sequential quadratic programming with an inverse Hessian (BFGS). Gradients are found by
+!> differences unless the objective has its own. Functions may be sampled with common random
+!> numbers: smooth and expensive.
 module numerics_constrained_maximum
    use core_error, only: error_type
    use core_kinds, only: wp
@@ -32,6 +33,7 @@ module numerics_constrained_maximum
    contains
       procedure(evaluate_objective), deferred :: evaluate
       procedure(gain_of_objective), deferred :: gain
+      procedure :: differentiate
    end type objective_type
 
    abstract interface
@@ -80,7 +82,7 @@ contains
       penalty = 0.0_wp
       associate (found => objective%found, n => objective%n_constraints)
          do iteration = 1, max_iterations
-            if (is_inside) call differentiate(objective, state, step, gradient, jacobian, is_inside)
+            if (is_inside) call objective%differentiate(state, step, gradient, jacobian, is_inside)
             if (.not. is_inside) return
             if (iteration > 1) &
                call update_metric(change, old_gradient - gradient - &
@@ -195,9 +197,10 @@ contains
       end do
    end subroutine restore_constraints
 
-   !> Finds gradient and Jacobian by forward differences, or backward ones at the domain's edge.
-   subroutine differentiate(objective, state, step, gradient, jacobian, is_inside)
-      class(objective_type), intent(inout) :: objective
+   !> Finds gradient and Jacobian at the point by forward differences, or backward ones at the
+   !> domain's edge.
+   subroutine differentiate(self, state, step, gradient, jacobian, is_inside)
+      class(objective_type), intent(inout) :: self
       real(wp), intent(in) :: state(:), step
       real(wp), intent(out) :: gradient(:), jacobian(:, :)
       logical, intent(out) :: is_inside
@@ -209,13 +212,13 @@ contains
       is_inside = .true.
       do i = 1, size(moved)
          do direction = 1, -1, -2
-            moved = objective%point
+            moved = self%point
             moved(i) = moved(i) + direction*step
-            call objective%evaluate(moved, moved_state, is_inside)
+            call self%evaluate(moved, moved_state, is_inside)
             if (is_inside) exit
          end do
          if (.not. is_inside) return
-         gradient(i) = objective%gain(state, moved_state)/(direction*step)
+         gradient(i) = self%gain(state, moved_state)/(direction*step)
          jacobian(:, i) = (moved_state(:n) - state(:n))/(direction*step)
       end do
    end subroutine differentiate

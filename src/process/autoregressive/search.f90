@@ -4,15 +4,15 @@
 !> The maximum often has some K(m) = 0, where |K(m)| is not differentiable. So rho_m = K(m)/K(0) has
 !> its modulus replaced by the smooth
 !>    sqrt(rho_m^2 + e^2) - e    with the slope rho_m/sqrt(rho_m^2 + e^2).
-!> NLopt follows the maximum, in atanh(kappa), as the width e is reduced to a negligible one. Then
-!> the targets of the smoothed lengths are moved until the exact lengths are reached.
+!> A search follows the maximum, in atanh(kappa), as the width e is reduced to a negligible one.
+!> Then the targets of the smoothed lengths are moved until the exact lengths are reached.
 module process_autoregressive_search
    use core_error, only: error_type
    use core_kinds, only: wp
-   use numerics_constrained_maximum, only: projected_gradient, step_to_maximum
+   use numerics_constrained_maximum, only: maximize, objective_type, projected_gradient, &
+                                           step_to_maximum
    use numerics_elementary, only: log_cosh
    use numerics_lapack, only: unit_matrix
-   use numerics_nlopt, only: minimization_problem, minimize
    use process_autoregressive_model, only: autocovariance_of, innovation_std
    use process_autoregressive_sums, only: correlation_sums, lag_sum_gradient, sum_correlation
    use process_model, only: gaussian_entropy
@@ -28,15 +28,17 @@ module process_autoregressive_search
       logical :: is_feasible = .false.     !! the lengths are reached
    end type both_lengths_maximum
 
-   !> Maximum of the entropy for given smoothed lengths, in x = atanh(kappa).
-   type, extends(minimization_problem) :: smoothed_problem
+   !> Maximum of the entropy for given smoothed lengths; the point is x = atanh(kappa). A state has
+   !> ln(smoothed length/target) of both lengths, then the loss of entropy.
+   type, extends(objective_type) :: smoothed_problem
       real(wp) :: lengths(2) = 0.0_wp   !! L0 and L1 [lags]
       real(wp) :: width = 0.0_wp        !! e
-      real(wp) :: scale = 1.0_wp        !! factor on the objective: order 1
+      real(wp) :: scale = 1.0_wp        !! factor on the loss of entropy: order 1
       integer :: n_lags = 0             !! lags in the sums
    contains
-      procedure :: objective => entropy_loss
-      procedure :: equalities => smoothed_length_error
+      procedure :: evaluate
+      procedure :: gain
+      procedure :: differentiate
    end type smoothed_problem
 
    real(wp), parameter :: length_tolerance = 1.0e-6_wp   !! relative error of a length
@@ -49,41 +51,40 @@ contains
       real(wp), intent(in) :: lengths(2)   !! L0 and L1 [lags], positive
       real(wp), intent(in) :: start(:)     !! first kappa
       type(both_lengths_maximum), intent(out) :: best
-      real(wp), parameter :: largest_x = 8.0_wp            ! kappa = 1 - 2e-7
       real(wp), parameter :: small_residual = 1.0e-5_wp    ! ends the passes
       real(wp), parameter :: widest = 3.0e-2_wp, narrowest = 1.0e-5_wp, narrowing = 0.3_wp   ! e
       real(wp), parameter :: longest = 1.0e3_wp            ! length [lags]
-      integer, parameter :: max_evaluations = 400, max_passes = 12
+      integer, parameter :: max_iterations = 400, max_passes = 12
       type(smoothed_problem) :: problem
-      real(wp), dimension(size(start)) :: best_x, x
-      real(wp) :: length_error(2), gradients(size(start), 2), residual, unused(2)
+      real(wp) :: best_x(size(start)), gradients(2, size(start))
+      real(wp) :: length_error(2), residual, unused(2)
       integer :: pass
-      logical :: is_met
 
       if (maxval(lengths) > longest) return
-      problem%n_equalities = 2
+      problem%n_constraints = 2
       problem%lengths = lengths
       problem%n_lags = 200 + 20*size(start) + ceiling(60.0_wp*maxval(lengths))
       problem%width = widest
-      x = atanh(start)
-      problem%scale = 1.0_wp/sum(log_cosh(x))
+      problem%point = atanh(start)
+      problem%scale = 1.0_wp/sum(log_cosh(problem%point))
       do while (problem%width > narrowest)
-         call minimize(problem, largest_x, length_tolerance, max_evaluations, x, is_met)
+         call maximize(problem, 0.0_wp, length_tolerance, max_iterations)
          problem%width = max(narrowing*problem%width, narrowest)
       end do
-      best_x = x
+      best_x = problem%point
       do pass = 1, max_passes
-         call minimize(problem, largest_x, length_tolerance, max_evaluations, x, is_met)
-         length_error = length_error_of(x, lengths)
-         if (.not. maxval(abs(length_error)) < 1.0_wp) exit
-         ! gradient of the entropy, without its part along those of the smoothed lengths
-         call problem%equalities(x, unused, gradients)
-         residual = maxval(abs(projected_gradient(tanh(x), transpose(gradients)))) &
-                    /maxval(abs(tanh(x)))
-         if (maxval(abs(length_error)) <= length_tolerance .and. residual < best%residual) then
-            best%residual = residual
-            best_x = x
-         end if
+         call maximize(problem, 0.0_wp, length_tolerance, max_iterations)
+         associate (x => problem%point)
+            length_error = length_error_of(x, lengths)
+            if (.not. maxval(abs(length_error)) < 1.0_wp) exit
+            ! gradient of the entropy, without its part along those of the smoothed lengths
+            call find_length_errors(problem, x, unused, gradients)
+            residual = maxval(abs(projected_gradient(tanh(x), gradients)))/maxval(abs(tanh(x)))
+            if (maxval(abs(length_error)) <= length_tolerance .and. residual < best%residual) then
+               best%residual = residual
+               best_x = x
+            end if
+         end associate
          if (best%residual <= small_residual) exit
          problem%lengths = problem%lengths*exp(-length_error)
       end do
@@ -95,13 +96,13 @@ contains
 
    !> Changes x by the shortest steps until the exact lengths are reached.
    subroutine correct_lengths(problem, lengths, x, is_met)
-      type(smoothed_problem), intent(inout) :: problem   !! its gradients are used
+      type(smoothed_problem), intent(in) :: problem   !! its gradients are used
       real(wp), intent(in) :: lengths(2)
       real(wp), intent(inout) :: x(:)
       logical, intent(out) :: is_met
       real(wp), parameter :: target_error = 1.0e-9_wp   ! relative; not always reached
       integer, parameter :: max_steps = 40
-      real(wp) :: change(size(x)), length_error(2), gradients(size(x), 2), unused(2)
+      real(wp) :: change(size(x)), length_error(2), gradients(2, size(x)), unused(2)
       integer :: step
       logical :: is_regular
 
@@ -110,9 +111,9 @@ contains
          is_met = maxval(abs(length_error)) <= length_tolerance
          if (maxval(abs(length_error)) <= target_error) return
          if (.not. maxval(abs(length_error)) < 1.0_wp) return
-         call problem%equalities(x, unused, gradients)
-         call step_to_maximum(unit_matrix(size(x)), transpose(gradients), 0.0_wp*x, length_error, &
-                              change, unused, is_regular)
+         call find_length_errors(problem, x, unused, gradients)
+         call step_to_maximum(unit_matrix(size(x)), gradients, 0.0_wp*x, length_error, change, &
+                              unused, is_regular)
          if (.not. is_regular) return
          x = x + change
       end do
@@ -131,23 +132,52 @@ contains
       if (min(sums%l0, sums%l1) > 0.0_wp) length_error = log([sums%l0, sums%l1]/lengths)
    end function length_error_of
 
-   !> Computes the loss of entropy, -0.5 sum ln(1 - kappa^2) = sum ln cosh x, scaled.
-   subroutine entropy_loss(self, x, value, gradient)
+   !> See objective_type. The loss of entropy is -0.5 sum ln(1 - kappa^2) = sum ln cosh x, scaled.
+   subroutine evaluate(self, point, state, is_inside)
       class(smoothed_problem), intent(inout) :: self
-      real(wp), intent(in) :: x(:)
-      real(wp), intent(out) :: value
-      real(wp), optional, intent(out) :: gradient(:)
+      real(wp), intent(in) :: point(:)
+      real(wp), allocatable, intent(out) :: state(:)
+      logical, intent(out) :: is_inside
+      real(wp), parameter :: largest_x = 8.0_wp   ! kappa = 1 - 2e-7
+      real(wp) :: length_error(2)
 
-      value = self%scale*sum(log_cosh(x))
-      if (present(gradient)) gradient = self%scale*tanh(x)
-   end subroutine entropy_loss
+      is_inside = maxval(abs(point)) <= largest_x
+      if (.not. is_inside) return
+      call find_length_errors(self, point, length_error)
+      state = [length_error, self%scale*sum(log_cosh(point))]
+   end subroutine evaluate
 
-   !> Computes ln(smoothed length/target) of both lengths, and its gradients.
-   subroutine smoothed_length_error(self, x, values, jacobian)
+   !> See objective_type.
+   pure real(wp) function gain(self, from, to)
+      class(smoothed_problem), intent(in) :: self
+      real(wp), intent(in) :: from(:), to(:)
+
+      associate (loss => self%n_constraints + 1)
+         gain = from(loss) - to(loss)
+      end associate
+   end function gain
+
+   !> Finds the exact gradients.
+   subroutine differentiate(self, state, step, gradient, jacobian, is_inside)
       class(smoothed_problem), intent(inout) :: self
+      real(wp), intent(in) :: state(:), step
+      real(wp), intent(out) :: gradient(:), jacobian(:, :)
+      logical, intent(out) :: is_inside
+      real(wp) :: unused(2)
+
+      gradient = -self%scale*tanh(self%point)
+      call find_length_errors(self, self%point, unused, jacobian)
+      is_inside = .true.
+      associate (unused_state => state, unused_step => step)
+      end associate
+   end subroutine differentiate
+
+   !> Finds ln(smoothed length/target) of both lengths, and its gradients.
+   subroutine find_length_errors(self, x, values, jacobian)
+      class(smoothed_problem), intent(in) :: self
       real(wp), intent(in) :: x(:)
-      real(wp), intent(out) :: values(:)
-      real(wp), optional, intent(out) :: jacobian(:, :)
+      real(wp), intent(out) :: values(2)
+      real(wp), optional, intent(out) :: jacobian(:, :)   !! (length, coefficient)
       real(wp), dimension(self%n_lags) :: lag, modulus, slope
       real(wp) :: kappa(size(x)), lengths(2), rho(0:self%n_lags)
       integer :: m
@@ -162,9 +192,9 @@ contains
       lengths(2) = max(sum(lag*modulus)/(1.0_wp + lengths(1)), tiny(1.0_wp))
       values = log(lengths/self%lengths)
       if (.not. present(jacobian)) return
-      jacobian(:, 1) = lag_sum_gradient(kappa, rho, slope)/lengths(1)
-      jacobian(:, 2) = lag_sum_gradient(kappa, rho, (lag - lengths(2))*slope) &
+      jacobian(1, :) = lag_sum_gradient(kappa, rho, slope)/lengths(1)
+      jacobian(2, :) = lag_sum_gradient(kappa, rho, (lag - lengths(2))*slope) &
                        /((1.0_wp + lengths(1))*lengths(2))
-   end subroutine smoothed_length_error
+   end subroutine find_length_errors
 
 end module process_autoregressive_search
