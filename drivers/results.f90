@@ -170,8 +170,7 @@ contains
          if (plan%output%history) then
             allocate (force(0:plan%integration%n_steps, plan%structure%n_forces &
                             *merge(case%n_samples, 1, plan%excitation%per_sample)))
-            call runner%force_of(number, case%first_sample, force, error)
-            if (allocated(error)) return
+            call runner%force_of(number, case%first_sample, force)
          end if
          folded_share = [real(wp) ::]
          if (plan%output%spectrum) folded_share = runner%folded_share(:, number)

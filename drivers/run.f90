@@ -24,7 +24,7 @@ module driver_run
    use io_shards, only: write_shard
    use io_store, only: remove_store, shard_store
    use parallel_work, only: new_counter, work_counter
-   use parallel_world, only: start_world, stop_world, world_type
+   use parallel_world, only: start_world, world_type
    use process_model, only: branch_note, process_model_type
    implicit none(type, external)
    private

@@ -11,7 +11,6 @@ module campaign_runner
    use dynamics_newmark_march, only: new_newmark, newmark_marcher
    use dynamics_response, only: marcher_type
    use numerics_spectrum, only: has_enough_batches, count_segments, welch_type
-   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: runner_type, prepare_runner, block_width, layout_of, new_marcher
@@ -65,8 +64,7 @@ contains
          runner%force = file_force
       else if (plan%excitation%kind /= 'sine' .and. .not. plan%excitation%per_sample) then
          allocate (runner%force(0:plan%integration%n_steps, plan%structure%n_forces))
-         call runner%draw_force(0, runner%force, error)
-         if (allocated(error)) return
+         call runner%draw_force(0, runner%force)
       end if
       runner%layout = layout_of(plan)
       runner%piece_steps = records_per_piece*runner%layout%every
@@ -138,11 +136,10 @@ contains
 
    !> Draws the noise of a sample (0: of all samples), an independent record for each force. The
    !> expected variance of band-limited noise is 1.
-   subroutine draw_force(self, sample, force, error)
+   subroutine draw_force(self, sample, force)
       class(runner_type), intent(in) :: self
       integer, intent(in) :: sample
       real(wp), intent(out) :: force(0:, :)   !! (step, force) [N]
-      type(error_type), allocatable, intent(out) :: error
       type(stream_type) :: stream
       integer(long) :: label
       integer :: k
@@ -153,23 +150,21 @@ contains
          stream = new_stream(self%plan%seed, label, sample)
          associate (excitation => self%plan%excitation, dt => self%plan%integration%dt)
             if (excitation%kind == 'psd') then
-               call noise_force(excitation%density(1, :), dt, stream, force(:, k), error, &
+               call noise_force(excitation%density(1, :), dt, stream, force(:, k), &
                                 excitation%density(2, :))
             else
-               call noise_force(excitation%band, dt, stream, force(:, k), error)
+               call noise_force(excitation%band, dt, stream, force(:, k))
             end if
          end associate
-         if (allocated(error)) return
       end do
    end subroutine draw_force
 
    !> Returns the force on the samples of a case, with its strength.
-   subroutine force_of(self, case_number, first_sample, force, error)
+   subroutine force_of(self, case_number, first_sample, force)
       class(runner_type), intent(in) :: self
       integer, intent(in) :: case_number
       integer, intent(in) :: first_sample     !! number of the first sample, if each has its own
       real(wp), intent(out) :: force(0:, :)   !! (step, force, or force and sample) [N]
-      type(error_type), allocatable, intent(out) :: error
       integer :: first, i
 
       associate (excitation => self%plan%excitation, n => self%plan%structure%n_forces)
@@ -184,8 +179,7 @@ contains
             else if (excitation%kind == 'file') then
                force(:, n*(i - 1) + 1:n*i) = self%force(:, first + 1:first + n)
             else
-               call self%draw_force(first_sample + i - 1, force(:, n*(i - 1) + 1:n*i), error)
-               if (allocated(error)) return
+               call self%draw_force(first_sample + i - 1, force(:, n*(i - 1) + 1:n*i))
             end if
          end do
          associate (strength => self%plan%cases(case_number)%strength)

@@ -101,8 +101,7 @@ contains
          allocate (march%force(0:plan%integration%n_steps, &
                                plan%structure%n_forces*merge(n, 1, plan%excitation%per_sample)))
          call runner%force_of(case_number, plan%cases(case_number)%first_sample - 1 &
-                              + result%first_sample, march%force, error)
-         if (allocated(error)) return
+                              + result%first_sample, march%force)
          if (kept%harmonic) &
             call start_harmonics(plan%integration, plan%cases(case_number)%frequency, &
                                  plan%structure%n_dof, n, march%harmonics, error)

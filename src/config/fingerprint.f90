@@ -3,7 +3,6 @@
 module config_fingerprint
    use config_groups, only: group_names, scene_type
    use config_text_value_table, only: lister_type
-   use core_kinds, only: long
    use core_random, only: label_of
    use core_text, only: line_feed, to_text
    implicit none(type, external)

@@ -1,10 +1,9 @@
 !> Force records: Gaussian noise by Fourier synthesis, white in a band (Sec. 3) or with a given
 !> power spectral density, and sines.
 module dynamics_excitation
-   use core_error, only: error_type, exit_bad_input, raise
    use core_kinds, only: two_pi, wp
    use core_random, only: stream_type
-   use core_text, only: brief, rounded_text, to_text
+   use core_text, only: brief, rounded_text
    use numerics_fftw, only: good_fft_length
    use numerics_synthesis, only: signal_of_lines
    implicit none(type, external)
@@ -18,19 +17,17 @@ contains
 
    !> Makes a record of a stationary Gaussian process. Its one-sided power spectral density is
    !> linear between the given values and zero outside of them; its expected variance is their
-   !> integral. Without values the density is flat and the variance 1.
+   !> integral. Without values the density is flat and the variance 1. The band must keep `band_rule`.
    !>
    !> The record is a piece of a periodic one. Each spectral line has the power of the frequencies
    !> that are nearer to it than to its neighbours and inside the band, so that the expected
    !> variance is exact for every band, with or without zero and the Nyquist frequency.
-   subroutine noise_force(frequency, dt, stream, force, error, density)
+   subroutine noise_force(frequency, dt, stream, force, density)
       real(wp), intent(in) :: frequency(:)   !! [Hz], ascending, within 0 and 1/(2 dt)
       real(wp), intent(in) :: dt             !! [s]
       type(stream_type), intent(inout) :: stream
       real(wp), intent(out) :: force(:)      !! (step) values dt apart [N]
-      type(error_type), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: density(:)   !! at each frequency, not negative [N^2/Hz]
-      character(:), allocatable :: name
       real(wp), allocatable :: level(:), normal(:)
       complex(wp), allocatable :: line(:)   ! line k at k times the spacing
       real(wp) :: band(2), spacing          ! [Hz]
@@ -39,18 +36,13 @@ contains
 
       band = [frequency(1), frequency(size(frequency))]
       if (present(density)) then
-         name = 'band of excitation%psd'
          level = density
          unit = 1.0_wp
       else
-         name = 'excitation%band'
          level = spread(1.0_wp, 1, size(frequency))
          unit = band(2) - band(1)
       end if
-      if (band_rule(band, dt) /= '') &
-         call raise(error, exit_bad_input, name//' = '//to_text(band(1))//', '// &
-                    to_text(band(2))//': '//band_rule(band, dt))
-      if (allocated(error)) return
+      if (band_rule(band, dt) /= '') error stop 'noise_force: a band that breaks its rule'
       n = good_fft_length(max(size(force), ceiling(fewest_lines/((band(2) - band(1))*dt))))
       spacing = 1.0_wp/(n*dt)
       first = nint(band(1)/spacing)

@@ -74,8 +74,7 @@ contains
                           error, prepared=shortest)
       if (allocated(error)) return
       do k = 1, size(levels)
-         call draw_level(short, runner, cost%n_steps, levels(k), error)
-         if (allocated(error)) return
+         call draw_level(short, runner, cost%n_steps, levels(k))
          call time_level(short, runner, levels(k), real(levels(k)%n_all, wp)/sum(levels%n_all), &
                          most_seconds, cost, error)
          if (allocated(error)) return

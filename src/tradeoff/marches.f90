@@ -36,8 +36,7 @@ contains
 
       associate (task => tradeoff%tasks(number), found => tradeoff%results(number))
          call choose_march(tradeoff, task, plan, setting, n_samples)
-         call draw_samples(tradeoff, task, n_samples, plan%integration%n_steps, level, error)
-         if (allocated(error)) return
+         call draw_samples(tradeoff, task, n_samples, plan%integration%n_steps, level)
          call march_level(plan, level, setting, should_stop, result, found%cost, error)
          if (allocated(error) .or. result%n_samples == 0) return
          found%n_samples = result%n_samples
@@ -68,12 +67,11 @@ contains
 
    !> Draws the friction and force of a task's samples: those of its level, or samples 1 to n of a
    !> case. A variant uses the random numbers of the scene's own process.
-   subroutine draw_samples(tradeoff, task, n, n_steps, level, error)
+   subroutine draw_samples(tradeoff, task, n, n_steps, level)
       type(tradeoff_type), intent(in) :: tradeoff
       type(task_type), intent(in) :: task
       integer, intent(in) :: n, n_steps
       type(level_type), intent(out) :: level
-      type(error_type), allocatable, intent(out) :: error
       type(process_model_type), allocatable :: alike(:), models(:)
       integer :: case_number, i
 
@@ -95,7 +93,7 @@ contains
       end associate
       level%case_number = spread(case_number, 1, n)
       level%sample = [(i, i=1, n)]
-      call draw_level(tradeoff%runner%plan, tradeoff%runner, n_steps, level, error, models)
+      call draw_level(tradeoff%runner%plan, tradeoff%runner, n_steps, level, models)
    end subroutine draw_samples
 
 end module tradeoff_marches

@@ -84,8 +84,7 @@ contains
                    level%force(0:plan%integration%n_steps, n*size(cases)))
          do i = 1, size(cases)
             level%friction(:, i) = mean_friction(plan, cases(i))
-            call runner%force_of(cases(i), 1, level%force(:, n*(i - 1) + 1:n*i), error)
-            if (allocated(error)) return
+            call runner%force_of(cases(i), 1, level%force(:, n*(i - 1) + 1:n*i))
          end do
          call march_level(plan, level, own_setting(plan), never, result, nanoseconds, error, runner)
       end associate

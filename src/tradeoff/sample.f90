@@ -88,12 +88,11 @@ contains
 
    !> Draws the friction and the force of a level's samples. Without models, substitute_friction
    !> draws the friction: numerical errors hardly depend on more than its mean and scatter.
-   subroutine draw_level(plan, runner, n_steps, level, error, models)
+   subroutine draw_level(plan, runner, n_steps, level, models)
       type(plan_type), intent(in) :: plan
       type(runner_type), intent(in) :: runner   !! runner of the whole campaign
       integer, intent(in) :: n_steps            !! steps of the force that are kept
       type(level_type), intent(inout) :: level
-      type(error_type), allocatable, intent(out) :: error
       type(process_model_type), intent(in), optional :: models(:)   !! (process)
       real(wp), allocatable :: force(:, :)
       integer :: i, n
@@ -109,8 +108,8 @@ contains
       end if
       n = merge(n, 1, plan%excitation%per_sample)*plan%structure%n_forces
       allocate (force(0:plan%integration%n_steps, n))
-      call runner%force_of(level%case_number(1), 1, force, error)
-      if (.not. allocated(error)) allocate (level%force(0:n_steps, n), source=force(:n_steps, :))
+      call runner%force_of(level%case_number(1), 1, force)
+      allocate (level%force(0:n_steps, n), source=force(:n_steps, :))
    end subroutine draw_level
 
    !> Samples of a level, each as a range of one.

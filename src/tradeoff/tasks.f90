@@ -209,8 +209,7 @@ contains
       do k = 1, size(tradeoff%levels)
          associate (level => tradeoff%levels(k), reference => tradeoff%references(k), &
                     plan => tradeoff%plan, campaign => tradeoff%runner%plan)
-            call draw_level(campaign, tradeoff%runner, n, level, error, tradeoff%scope%models)
-            if (allocated(error)) return
+            call draw_level(campaign, tradeoff%runner, n, level, tradeoff%scope%models)
             if (size(tradeoff%settings) == 0) cycle
             call march_level(plan, level, setting, should_stop, reference, nanoseconds, error)
             if (allocated(error) .or. reference%n_samples == 0) return

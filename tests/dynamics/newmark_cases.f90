@@ -39,10 +39,9 @@ contains
       real(wp), intent(in) :: variance
       real(wp) :: force(0:n_steps, 1)
       type(stream_type) :: stream
-      type(error_type), allocatable :: error
 
       stream = new_stream(seed, label_of('force'), 0)
-      call noise_force([0.0_wp, 2.5_wp], dt, stream, force(:, 1), error)
+      call noise_force([0.0_wp, 2.5_wp], dt, stream, force(:, 1))
       force = sqrt(variance)*force
    end function noise
 

@@ -10,7 +10,7 @@ module config_text_namelist
    use core_complaints, only: blank_hint, complaint_list, printable
    use core_kinds, only: long
    use core_source, only: new_source, source_type
-   use core_text, only: line_feed, lowered, parse_integer
+   use core_text, only: lowered, parse_integer
    implicit none(type, external)
    private
    public :: assignment_type, document_type

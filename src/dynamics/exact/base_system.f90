@@ -7,7 +7,6 @@ module dynamics_exact_base_system
    use dynamics_exact_joint_paths, only: joint_paths, width
    use dynamics_exact_transitions, only: transition_group
    use dynamics_response, only: block_state
-   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: base_system, raise_too_many

@@ -9,7 +9,6 @@ module dynamics_newmark_block
    use dynamics_joint, only: add_frictionless_slip, count_open_slips, enter_transition, slider_at
    use dynamics_newmark_frame, only: newmark_frame
    use dynamics_response, only: block_state
-   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: newmark_block, newmark_trial, load_block, store_block
