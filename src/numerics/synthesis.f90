@@ -31,13 +31,6 @@ contains
       n_phases = count_phases(n, last)
       values = n/n_phases
       call transform%prepare(values, is_inverse=.true.)
-      if (n_phases == 1) then
-         transform%spectrum = 0.0_wp
-         transform%spectrum(first:last) = line
-         call transform%execute()
-         signal = transform%signal(0:size(signal) - 1)
-         return
-      end if
       allocate (turned(first:last), turn(first:last))
       allocate (part(min(together, n_phases), 0:values - 1))
       do k = first, last
