@@ -220,25 +220,18 @@ contains
       class(world_type), intent(in) :: self
       real(wp), allocatable, intent(inout) :: values(:, :)
       integer, intent(in), optional :: from
-      integer :: extent(2)
-
-      extent = -1
-      if (allocated(values)) extent = shape(values)
-      call MPI_Bcast(extent, 2, MPI_INTEGER, source(from), self%comm)
-      if (self%rank /= source(from) .and. allocated(values)) deallocate (values)
-      if (extent(1) < 0) return
-      if (self%rank /= source(from)) allocate (values(extent(1), extent(2)))
-      ! a section, because MPICH gives an array bounds from 0 in calls compiled by gfortran 11
-      call MPI_Bcast(values(:, :), size(values), MPI_DOUBLE_PRECISION, source(from), self%comm)
-   end subroutine broadcast_matrix
-
-   !> Rank that broadcasts.
-   pure function source(from)
-      integer, intent(in), optional :: from
-      integer :: source
+      integer :: extent(2), source
 
       source = 0
       if (present(from)) source = from
-   end function source
+      extent = -1
+      if (allocated(values)) extent = shape(values)
+      call MPI_Bcast(extent, 2, MPI_INTEGER, source, self%comm)
+      if (self%rank /= source .and. allocated(values)) deallocate (values)
+      if (extent(1) < 0) return
+      if (self%rank /= source) allocate (values(extent(1), extent(2)))
+      ! a section, because MPICH gives an array bounds from 0 in calls compiled by gfortran 11
+      call MPI_Bcast(values(:, :), size(values), MPI_DOUBLE_PRECISION, source, self%comm)
+   end subroutine broadcast_matrix
 
 end module parallel_world
