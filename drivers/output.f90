@@ -16,7 +16,7 @@ module driver_output
    use core_text, only: counted, to_text
    use driver_command_line, only: command_line
    use driver_provenance, only: identity_of
-   use io_earlier_results, only: case_errors, count_stored_samples, read_errors, &
+   use io_earlier_results, only: case_errors, count_stored_samples, has_realizations, read_errors, &
                                  refuse_replacement, stored_in_results
    use io_files, only: exists, follow_links, remove_file
    use io_lock, only: lock_type, take_lock
@@ -168,6 +168,8 @@ contains
       type(error_type), allocatable, intent(out) :: error
 
       output%is_complete = all(output%n_stored(:size(plan%cases)) >= plan%cases%n_samples)
+      if (output%is_complete .and. plan%n_realizations > 0) output%is_complete = &
+         has_realizations(output%path, plan%n_points, plan%n_realizations)
       if (output%is_complete .and. plan%has_structure .and. .not. output%is_shared) &
          call mark_incomplete(plan, output, error)
       if (allocated(error)) return

@@ -5,8 +5,9 @@ module io_earlier_results
    use campaign_plan, only: case_type, plan_type
    use campaign_results, only: case_statistics
    use core_error, only: error_type, exit_bad_input, raise
-   use core_kinds, only: wp
+   use core_kinds, only: long, wp
    use core_source, only: is_hdf5_file
+   use core_text, only: numbered
    use io_contents, only: check_contents
    use io_files, only: exists, is_readable
    use io_hdf5, only: hdf5_file, hdf5_group, hdf5_object, open_hdf5
@@ -16,7 +17,7 @@ module io_earlier_results
    implicit none(type, external)
    private
    public :: count_stored_samples, refuse_replacement, stored_in_results
-   public :: case_errors, read_campaign, read_errors
+   public :: case_errors, has_realizations, read_campaign, read_errors
 
    !> End of an error of a damaged file.
    character(*), parameter :: advice = ': put a sound copy in its place, or remove it to have '// &
@@ -185,6 +186,35 @@ contains
       call file%abandon()
       if (.not. allocated(error)) call move_alloc(found, n_samples)
    end subroutine count_stored_samples
+
+   !> True if every solved process of a results file has so many realizations of so many points.
+   !> False with an error.
+   function has_realizations(path, n_points, n_realizations) result(has_all)
+      character(*), intent(in) :: path
+      integer, intent(in) :: n_points, n_realizations
+      logical :: has_all
+      type(error_type), allocatable :: error
+      type(hdf5_group) :: group
+      character(:), allocatable :: status
+      integer(long), allocatable :: extents(:)
+      integer :: i
+
+      call open_hdf5(path, group%file, error)
+      has_all = .not. allocated(error)
+      i = 1
+      do while (has_all)
+         group%path = '/process/'//numbered('p', i)
+         if (.not. group%file%has(group%path)) exit
+         call group%read('status', status)
+         i = i + 1
+         if (status /= 'solved') cycle
+         has_all = group%has('realizations')
+         if (has_all) call group%read_shape('realizations', extents, 2)
+         if (has_all) has_all = all(extents == [n_points, n_realizations])
+      end do
+      has_all = has_all .and. .not. allocated(group%error)
+      call group%file%abandon()
+   end function has_realizations
 
    !> Ranges of samples of a results file, except those that shards have whole.
    function stored_in_results(n_samples, together, shards) result(stored)

@@ -52,6 +52,26 @@ def test_other_percentiles_are_taken_up(entroslip, small_scene, tmp_path):
         np.testing.assert_allclose(beside["slip_percentiles"], slip, rtol=1e-12)
 
 
+def test_other_realizations_are_written(entroslip, tmp_path):
+    """The process, here with all its sequences of signs, is read back and not fitted again."""
+    (tmp_path / "r.nml").write_text("""\
+&process method = 'direct' correlation = 'L1' correlation_length = 1.0 order = 5 all_signs = .true.
+         mean = 0.0 std = 1.0 positive = .false. n_realizations = 2 /
+""")
+    assert entroslip("run", "r.nml").returncode == 0
+    more = ["run", "r.nml", "--set", "process%n_realizations=3", "--set", "process%n_points=4"]
+    done = entroslip(*more)
+    assert done.returncode == 0, done.stderr
+    assert "continuing: 1 of 1 process is there" in done.stdout
+    assert entroslip(*more, "--output", "anew.h5").returncode == 0
+    assert scene_bits(tmp_path / "r.h5") == scene_bits(tmp_path / "anew.h5")
+    with h5py.File(tmp_path / "r.h5") as file:
+        assert file["process/p001/realizations"].shape == (3, 4)
+    assert "nothing to do" in entroslip(*more).stdout
+    # results that have them serve a scene that does not ask for them
+    assert "nothing to do" in entroslip("run", "r.nml", "--set", "process%n_realizations=0").stdout
+
+
 def test_many_percentiles_ascend(entroslip, tmp_path):
     """Percentiles are estimated one by one; they and their intervals must ascend."""
     (tmp_path / "many.nml").write_text("""\
