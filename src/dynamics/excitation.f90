@@ -17,7 +17,8 @@ contains
 
    !> Makes a record of a stationary Gaussian process. Its one-sided power spectral density is
    !> linear between the given values and zero outside of them; its expected variance is their
-   !> integral. Without values the density is flat and the variance 1. The band must keep `band_rule`.
+   !> integral. Without values the density is flat and the variance 1. The band must keep
+   !> `band_rule`.
    !>
    !> The record is a piece of a periodic one. Each spectral line has the power of the frequencies
    !> that are nearer to it than to its neighbours and inside the band, so that the expected
