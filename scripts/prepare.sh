@@ -4,7 +4,7 @@
 say() { printf '\n== %s\n' "$*"; }
 
 build_packages="gcc gfortran cmake ninja-build git pkg-config libopenmpi-dev openmpi-bin libopenblas-dev
-  libfftw3-dev libhdf5-dev python3 python3-venv"
+  libfftw3-dev libhdf5-dev libnlopt-dev python3 python3-venv"
 
 # Tests submit the job scripts to a Slurm of their own, look at the report in a browser, build the Debian package, and
 # complete commands in every shell.

@@ -1,13 +1,13 @@
 !> Local maxima of the entropy among autoregressive processes with K(m) of any signs (Sec. 2.3).
 !>
 !> `process_autoregressive_fit` finds the maximum among processes with K(m) >= 0. Here no sign is
-!> assumed: the infinite sums of |K(m)| are the constraints, one length or both, and searches in
-!> atanh(kappa) begin at random signs. They meet many inferior maxima.
+!> assumed: the infinite sums of |K(m)| are the constraints, one length or both, and NLopt searches
+!> in atanh(kappa) from starts of random signs. It meets many inferior maxima.
 module random_search
    use core_error, only: error_type
    use core_kinds, only: long, wp
    use core_random, only: label_of, new_stream, stream_type
-   use numerics_constrained_maximum, only: maximize, objective_type
+   use nlopt_search, only: minimization_problem, minimize
    use numerics_elementary, only: log_cosh
    use process_autoregressive_model, only: autocovariance_of, innovation_std
    use process_autoregressive_sums, only: correlation_sums, lag_sum_gradient, sum_correlation
@@ -23,16 +23,14 @@ module random_search
       logical :: is_feasible = .false.     !! its length is the wanted one
    end type ar_rival
 
-   !> Entropy under the lengths wanted; the point is x = atanh(kappa). A state has the defects of the
-   !> lengths, then the entropy lost.
-   type, extends(objective_type) :: length_problem
-      character(2), allocatable :: correlation(:)   !! (constraint) 'L0' or 'L1'
-      real(wp), allocatable :: length(:)            !! (constraint) [lags]
+   !> Minus the entropy under the lengths wanted; x = atanh(kappa).
+   type, extends(minimization_problem) :: length_problem
+      character(2), allocatable :: correlation(:)   !! (equality) 'L0' or 'L1'
+      real(wp), allocatable :: length(:)            !! (equality) [lags]
       real(wp) :: scale = 1.0_wp   !! brings the entropy lost to order 1 for the search
    contains
-      procedure :: evaluate
-      procedure :: gain
-      procedure :: differentiate
+      procedure :: objective => entropy_lost
+      procedure :: equalities => length_defect
    end type length_problem
 
    real(wp), parameter :: farthest = 8.0_wp             !! atanh(kappa): kappa = 1 - 2e-7
@@ -53,7 +51,8 @@ contains
       real(wp), intent(in), optional :: second_length   !! with 'L0': L1, imposed too
       type(length_problem) :: problem
       real(wp), parameter :: met = 1.0e-9_wp   ! relative, of a length
-      integer, parameter :: max_iterations = 300
+      integer, parameter :: max_evaluations = 300
+      real(wp) :: x(order)
 
       problem%correlation = [character(2) :: correlation]
       problem%length = [length]
@@ -61,25 +60,24 @@ contains
          problem%correlation = ['L0', 'L1']
          problem%length = [length, second_length]
       end if
-      problem%n_constraints = size(problem%length)
-      problem%point = start_of(problem, order, seed, trial)
-      problem%scale = 1.0_wp/sum(log_cosh(problem%point))
-      call maximize(problem, 0.0_wp, met, max_iterations)
-      rival%is_feasible = problem%found%violation <= met
-      rival%kappa = tanh(problem%point)
+      problem%n_equalities = size(problem%length)
+      x = start_of(problem, order, seed, trial)
+      problem%scale = 1.0_wp/sum(log_cosh(x))
+      call minimize(problem, farthest, met, max_evaluations, x, rival%is_feasible)
+      rival%kappa = tanh(x)
       rival%entropy = gaussian_entropy(innovation_std(rival%kappa, 1.0_wp))
    end subroutine find_rival
 
    !> Random signs and sizes, scaled until the length is about the wanted one.
    function start_of(problem, order, seed, trial) result(x)
-      type(length_problem), intent(in) :: problem
+      type(length_problem), intent(inout) :: problem
       integer, intent(in) :: order, trial
       integer(long), intent(in) :: seed
       real(wp) :: x(order)
       integer, parameter :: n_bisections = 12
       real(wp), parameter :: largest = 3.0_wp   ! kappa = 0.995
       type(stream_type) :: stream
-      real(wp) :: defect(problem%n_constraints), direction(order), high, low
+      real(wp) :: defect(problem%n_equalities), direction(order), high, low
       integer :: i
 
       stream = new_stream(seed, label_of('rival'), trial)
@@ -89,7 +87,7 @@ contains
       high = largest
       do i = 1, n_bisections
          x = 0.5_wp*(low + high)*direction
-         call find_defects(problem, x, defect)
+         call problem%equalities(x, defect)
          if (defect(1) > 0.0_wp) then
             high = 0.5_wp*(low + high)
          else
@@ -98,47 +96,24 @@ contains
       end do
    end function start_of
 
-   !> Finds the defects and the entropy lost, - 0.5 sum ln(1 - kappa^2) = sum ln cosh x, scaled.
-   subroutine evaluate(self, point, state, is_inside)
+   !> Computes - 0.5 sum ln(1 - kappa^2) = sum ln cosh x, scaled, and its gradient.
+   subroutine entropy_lost(self, x, value, gradient)
       class(length_problem), intent(inout) :: self
-      real(wp), intent(in) :: point(:)
-      real(wp), allocatable, intent(out) :: state(:)
-      logical, intent(out) :: is_inside
-      real(wp) :: defects(self%n_constraints)
+      real(wp), intent(in) :: x(:)
+      real(wp), intent(out) :: value
+      real(wp), optional, intent(out) :: gradient(:)
 
-      is_inside = maxval(abs(point)) <= farthest
-      if (.not. is_inside) return
-      call find_defects(self, point, defects)
-      is_inside = all(defects < out_of_reach)
-      state = [defects, self%scale*sum(log_cosh(point))]
-   end subroutine evaluate
-
-   pure real(wp) function gain(self, from, to)
-      class(length_problem), intent(in) :: self
-      real(wp), intent(in) :: from(:), to(:)
-
-      gain = from(self%n_constraints + 1) - to(self%n_constraints + 1)
-   end function gain
-
-   subroutine differentiate(self, state, step, gradient, jacobian, is_inside)
-      class(length_problem), intent(inout) :: self
-      real(wp), intent(in) :: state(:), step
-      real(wp), intent(out) :: gradient(:), jacobian(:, :)
-      logical, intent(out) :: is_inside
-      real(wp) :: unused(self%n_constraints)
-
-      gradient = -self%scale*tanh(self%point)
-      call find_defects(self, self%point, unused, jacobian)
-      is_inside = .true.
-   end subroutine differentiate
+      value = self%scale*sum(log_cosh(x))
+      if (present(gradient)) gradient = self%scale*tanh(x)
+   end subroutine entropy_lost
 
    !> Computes ln(length/wanted length) for each imposed length, and its gradient; `out_of_reach`
    !> where K(m) does not fade within the reach.
-   subroutine find_defects(self, x, values, jacobian)
-      class(length_problem), intent(in) :: self
+   subroutine length_defect(self, x, values, jacobian)
+      class(length_problem), intent(inout) :: self
       real(wp), intent(in) :: x(:)
       real(wp), intent(out) :: values(:)
-      real(wp), optional, intent(out) :: jacobian(:, :)   !! (constraint, coefficient)
+      real(wp), optional, intent(out) :: jacobian(:, :)
       real(wp), parameter :: negligible = 1.0e-10_wp   ! K(m)/K(0) that counts as 0
       type(correlation_sums) :: sums
       type(error_type), allocatable :: error
@@ -161,8 +136,8 @@ contains
          weights = sign(1.0_wp, rho(1:last))   ! d L0 = sum d|rho|
          if (self%correlation(i) == 'L1') &    ! d L1 = sum (m - L1) d|rho|/(1 + L0)
             weights = weights*[(m - sums%l1, m=1, last)]/(1.0_wp + sums%l0)
-         jacobian(i, :) = lag_sum_gradient(tanh(x), rho(:last), weights)/length
+         jacobian(:, i) = lag_sum_gradient(tanh(x), rho(:last), weights)/length
       end do
-   end subroutine find_defects
+   end subroutine length_defect
 
 end module random_search

@@ -34,6 +34,7 @@ class Entroslip(CMakePackage):
     depends_on("lapack")
     depends_on("fftw@3")
     depends_on("hdf5@1.10: ~mpi +fortran +hl")
+    depends_on("nlopt", type="test")
     depends_on("python@3.9:", type="test")
 
     generator("ninja")
