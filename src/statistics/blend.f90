@@ -41,6 +41,10 @@ contains
                           plain%influence(:, o), 1.0_wp - blended%share(o), blended%error(o), &
                           blended%ratio(o))
       end do
+      if (allocated(plain%stretch) .or. .not. law%has_samples) return
+      ! a blend of least variance is no worse than plain sampling, whose error has its tails too
+      blended%error = blended%error*min(1.0_wp, blended%ratio)
+      blended%ratio = max(1.0_wp, blended%ratio)
    end subroutine combine
 
    !> Blends estimates of a regression and of plain sampling by the weights of least variance, but

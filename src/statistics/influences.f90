@@ -204,13 +204,15 @@ contains
       estimate%bias = sign(hypot(estimate%bias, scale*sqrt(variance)), estimate%bias)
    end subroutine add_hidden_errors
 
-   !> Turns weights of the residuals into influences, and computes kappa.
-   subroutine find_influences(surrogate, fit, estimate)
+   !> Turns weights of the residuals into influences, and computes kappa, or sets it to 1.
+   subroutine find_influences(surrogate, fit, estimate, is_bound)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
       type(estimates_type), intent(inout) :: estimate   !! weights in its influences
+      logical, intent(in) :: is_bound                   !! true: J is the variance
 
       estimate%kappa = kappa_of(fit, estimate%influence)
+      if (is_bound) estimate%kappa = 1.0_wp
       estimate%influence = fit%residual*estimate%influence
       call scale_by_pairs(surrogate, estimate)
    end subroutine find_influences

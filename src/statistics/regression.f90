@@ -12,7 +12,7 @@ module statistics_regression
                                     find_influences, find_weights, kappa_of, pair_thinning, &
                                     scale_by_pairs, tail_factors, tail_ratio, thinning
    use statistics_percentiles, only: find_quantile
-   use statistics_surrogate, only: average_features, surrogate_type
+   use statistics_surrogate, only: average_features, evenly_spaced, surrogate_type
    implicit none(type, external)
    private
    public :: law_deviation, law_mean, law_mean_of_exponential, law_percentiles
@@ -53,7 +53,7 @@ contains
                                 spread(law%share, 2, size(average, 2)))
       call find_weights(surrogate, fit, average, 0.5_wp, estimate%influence)
       estimate%influence = estimate%influence + spread(0.5_wp*law%share, 2, size(fit%mean))
-      call find_influences(surrogate, fit, estimate)
+      call find_influences(surrogate, fit, estimate, is_bound=.false.)
       allocate (estimate%tail_factor(2, size(fit%mean)))
       do o = 1, size(fit%mean)
          estimate%tail_factor(:, o) = &
@@ -93,7 +93,7 @@ contains
       end do
       call find_weights(surrogate, fit, covariance, 0.0_wp, estimate%influence)
       estimate%influence = estimate%influence + moment
-      call find_influences(surrogate, fit, estimate)
+      call find_influences(surrogate, fit, estimate, is_bound=.false.)
       allocate (estimate%value(size(values, 2)), estimate%tail_factor(2, size(values, 2)))
       allocate (estimate%bias, mold=estimate%value)
       do o = 1, size(values, 2)
@@ -120,27 +120,31 @@ contains
                                 1.0_wp/(estimate%value - addition), estimate, 2.0_wp*moment)
    end subroutine law_deviation
 
-   !> Estimates percentiles, each half way between that of G and that of G plus the residuals of
-   !> samples predicted near each point; half of their difference is the bias.
-   subroutine law_percentiles(surrogate, fit, law, values, tail, p, estimates)
+   !> Estimates percentiles, each half way between that of G and that of G + s or G - s, with s the
+   !> spread of the residuals near each point, plus b: half the mean of y - G over the law's samples
+   !> near. Any residuals of the mean 0 and the variance s^2 move a percentile as these two do, to
+   !> second order: by -(s^2 f)'/2f, f the density of G. Half of this, and b, are bias.
+   subroutine law_percentiles(surrogate, fit, law, values, p, estimates)
       type(surrogate_type), intent(in) :: surrogate
       type(fit_type), intent(in) :: fit
       type(case_law_type), intent(in) :: law
       real(wp), intent(in), contiguous :: values(:, :)   !! (point, output) G
-      real(wp), intent(in) :: tail(:, :)                 !! (2, output) tail_ratio of G
       real(wp), intent(in) :: p(:)                       !! shares of the law below the percentiles
       type(estimates_type), intent(out) :: estimates(:)  !! (percentile)
       real(wp) :: average_row(size(law%rows, 1), size(values, 2), size(p))
-      real(wp) :: average(size(surrogate%eigenvalue), size(values, 2)), sums(size(values, 1))
+      real(wp) :: average(size(surrogate%eigenvalue), size(values, 2))
       integer :: near(2*nint(near_factor*sqrt(real(law%last - law%first + 1, wp))), &
                       size(values, 2), size(p)), o, s     ! (number, output, percentile) samples
-      real(wp) :: residual(size(near, 1)), of_fit(size(p)), of_sums    ! percentiles
+      real(wp) :: residual(size(near, 1)), tail(2, size(values, 2)), of_fit(size(p))
+      real(wp) :: of_sums, shift
+      real(wp), dimension(2*size(values, 1)) :: sums, half_weight   ! (point and side)
       !> (every 16th point, output, percentile) near the percentile
       real(wp), allocatable :: pair_share(:, :, :)
       integer, allocatable :: points(:)
-      integer :: i, turn(size(values, 1))
+      logical :: is_pooled
 
-      turn = [(1 + modulo(i, size(near, 1)), i=0, size(turn) - 1)]   ! residuals in turn
+      is_pooled = law%last - law%first + 1 < size(law%share)
+      half_weight = 0.5_wp*[law%weight, law%weight]
       do s = 1, size(p)
          allocate (estimates(s)%value(size(values, 2)), estimates(s)%bias(size(values, 2)), &
                    estimates(s)%inverse_density(size(values, 2)))
@@ -149,19 +153,25 @@ contains
       if (.not. law%has_samples) &
          allocate (pair_share(size(law%pair_weight), size(values, 2), size(p)), source=0.0_wp)
       do o = 1, size(values, 2)
+         tail(:, o) = tail_ratio(law, values(:, o), fit%predicted(:, o))
          do s = 1, size(p)
             call find_quantile(values(:, o), law%weight, p(s), half_window, of_fit(s), points)
-            average_row(:, o, s) = mean_column(law%rows, points)
-            associate (first => points(1), last => points(size(points)))
+            associate (first => points(1), last => points(size(points)), &
+                       some => points(evenly_spaced(size(points), most_averaged)))
+               average_row(:, o, s) = sum(law%rows(:, some), 2)/size(some)
                estimates(s)%inverse_density(o) = (values(last, o) - values(first, o)) &
                                                  /sum(law%weight(points))
             end associate
          end do
-         call add_residuals_near(law, fit, o, values(:, o), turn, of_fit, near(:, o, :), sums)
+         call spread_by_residuals(law, fit, o, values(:, o), of_fit, near(:, o, :), sums)
          do s = 1, size(p)
-            call find_quantile(sums, law%weight, p(s), 0.0_wp, of_sums, points)
-            estimates(s)%value(o) = 0.5_wp*(of_fit(s) + of_sums)
-            estimates(s)%bias(o) = 0.5_wp*(of_fit(s) - of_sums)   ! inwards, as plain sampling's
+            call find_quantile(sums, half_weight, p(s), 0.0_wp, of_sums, points)
+            residual = fit%residual(near(:, o, s), o)*fit%one_minus_h(near(:, o, s), o)   ! y - G
+            shift = 0.5_wp*(of_sums - of_fit(s))
+            associate (b => 0.5_wp*sum(residual)/size(residual), estimate => estimates(s))
+               estimate%value(o) = of_fit(s) + shift + b
+               estimate%bias(o) = -sign(hypot(shift, b), shift)   ! inwards, as plain sampling's
+            end associate
             if (law%has_samples) cycle
             call find_quantile(values(::pair_thinning, o), law%pair_weight, p(s), &
                                half_pair_window, of_sums, points)
@@ -175,7 +185,7 @@ contains
                call add_hidden_errors(surrogate, fit, law, pair_share(:, :, s), &
                                       spread(1.0_wp, 1, size(values, 2)), estimate)
             call find_weights(surrogate, fit, average, 1.0_wp, estimate%influence)
-            call find_influences(surrogate, fit, estimate)
+            call find_influences(surrogate, fit, estimate, is_bound=is_pooled)
             do o = 1, size(values, 2)
                residual = fit%residual(near(:, o, s), o)
                residual = (residual - sum(residual)/size(residual))/(2*size(residual))
@@ -187,45 +197,45 @@ contains
       end do
    end subroutine law_percentiles
 
-   !> Adds to each value the residual of a sample of the law predicted near it. The samples near are
-   !> the same for all values in one part of the range of predictions. Other laws may have smaller
-   !> residuals at the same predictions: they come to them by other friction values.
-   pure subroutine add_residuals_near(law, fit, o, values, turn, of_fit, near, sums)
+   !> Computes G - s and G + s at each point. s is the standard deviation of the residuals near: of
+   !> the samples of the law predicted near it, the same for all points in one part of the range of
+   !> predictions. Other laws may have smaller residuals at the same predictions: they come to them
+   !> by other friction values.
+   pure subroutine spread_by_residuals(law, fit, o, values, of_fit, near, sums)
       type(case_law_type), intent(in) :: law
       type(fit_type), intent(in) :: fit
       integer, intent(in) :: o                        !! output
-      real(wp), intent(in), contiguous :: values(:)   !! (point)
-      integer, intent(in), contiguous :: turn(:)      !! (point) number of its residual among those
+      real(wp), intent(in), contiguous :: values(:)   !! (point) G
       real(wp), intent(in) :: of_fit(:)               !! percentiles of G
       integer, intent(out) :: near(:, :)              !! (number, percentile) samples predicted near
-      real(wp), intent(out), contiguous :: sums(:)    !! (point)
+      real(wp), intent(out), contiguous :: sums(:)    !! (point and side)
       integer, parameter :: n_parts = 512
-      integer :: before(n_parts)   ! (part) samples before those near to its middle
+      integer :: before(n_parts)    ! (part) samples before those near to its middle
+      real(wp) :: spread(n_parts)   ! (part) s
       integer :: ranking(law%last - law%first + 1)           ! (rank) samples of the law
       real(wp), dimension(size(ranking)) :: place, residual  ! (rank) place of the prediction
-      real(wp) :: least, parts_per_unit
+      real(wp) :: least, parts_per_unit, s
       integer :: first, k, m, n, n_near
 
       n = size(ranking)
       n_near = size(near, 1)
       ranking = law%first - 1 + sort_order(fit%predicted(law%first:law%last, o))
       residual = fit%residual(ranking, o)
-      residual = residual - sum(residual)/n
       place = fit%predicted(ranking, o)
       least = place(1)
       parts_per_unit = n_parts/max(place(n) - least, sqrt(tiny(least)))
       place = (place - least)*parts_per_unit
-      m = 0
       do k = 1, n_parts
-         do while (m < n)
-            if (place(m + 1) > k - 0.5_wp) exit
-            m = m + 1
-         end do
-         before(k) = max(0, min(m - n_near/2, n - n_near))
+         before(k) = max(0, min(count(place <= k - 0.5_wp) - n_near/2, n - n_near))
+         associate (some => residual(before(k) + 1:before(k) + n_near))
+            spread(k) = sqrt(sum((some - sum(some)/n_near)**2)/(n_near - 1))
+         end associate
       end do
-      !$omp simd
+      !$omp simd private(s)
       do m = 1, size(values)
-         sums(m) = values(m) + residual(before(part_of(values(m))) + turn(m))
+         s = spread(part_of(values(m)))
+         sums(m) = values(m) - s
+         sums(m + size(values)) = values(m) + s
       end do
       do k = 1, size(of_fit)
          first = before(part_of(of_fit(k)))
@@ -240,22 +250,7 @@ contains
          part_of = 1 + int(max(0.0_wp, min((value - least)*parts_per_unit, n_parts - 1.0_wp)))
       end function part_of
 
-   end subroutine add_residuals_near
-
-   !> Mean of the columns at some places, or of `most_averaged` of them.
-   pure function mean_column(columns, places) result(mean)
-      real(wp), intent(in), contiguous :: columns(:, :)
-      integer, intent(in) :: places(:)
-      real(wp) :: mean(size(columns, 1))
-      integer :: i, n
-
-      n = min(size(places), most_averaged)
-      mean = 0.0_wp
-      do i = 1, n
-         mean = mean + columns(:, places(1 + ((i - 1)*size(places))/n))
-      end do
-      mean = mean/n
-   end function mean_column
+   end subroutine spread_by_residuals
 
    !> Estimates the mean of y = exp(output), a density: D + ([exp(G + v/2)] - D)/4 with v the
    !> variance of G and D = [exp G] sqrt(ratio), ratio = sum y/sum exp(predicted). The bias is half

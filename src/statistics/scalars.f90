@@ -9,7 +9,7 @@ module statistics_scalars
                                    sort_percentiles, upward_error
    use statistics_fit, only: fit_outputs, fit_type, predict
    use statistics_influences, only: case_law_type, extrapolation_of, prepare_law, &
-                                    prepare_thin_points, tail_ratio
+                                    prepare_thin_points
    use statistics_kernel_choice, only: choose_kernel
    use statistics_law, only: error_of_points
    use statistics_pool, only: over_all_samples, pool_type, least_plain_share
@@ -125,18 +125,17 @@ contains
          type(estimates_type) :: fitted(size(share_below)), sampled, blended
          real(wp), dimension(size(law%weight), n_numbers) :: point_influence, values
          real(wp), dimension(n_numbers) :: least_share, point_error
-         real(wp) :: ends(2), tail(2, n_numbers)
+         real(wp) :: ends(2)
          integer :: i, p
 
          call predict(transformed_fit, law%rows, values)
          values = max(0.0_wp, values)
          do i = 1, n_numbers
             if (is_fraction(i)) values(:, i) = min(values(:, i), right_angle)
-            tail(:, i) = tail_ratio(law, values(:, i), transformed_fit%predicted(:, i))
          end do
          associate (own => transformed(law%first:law%last, :))
             least_share = least_plain_share(transformed_fit%residual(law%first:law%last, :), own)
-            call law_percentiles(surrogate, transformed_fit, law, values, tail, share_below, fitted)
+            call law_percentiles(surrogate, transformed_fit, law, values, share_below, fitted)
             do p = 1, size(share_below)
                sampled = over_all_samples(pool, case_number, &
                                           plain_percentile(own, share_below(p)), &

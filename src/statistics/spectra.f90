@@ -13,7 +13,7 @@ module statistics_spectra
                                    sort_percentiles, upward_error
    use statistics_fit, only: fit_outputs, fit_type, predict
    use statistics_influences, only: case_law_type, extrapolation_of, prepare_law, &
-                                    prepare_thin_points, tail_ratio
+                                    prepare_thin_points
    use statistics_kernel_choice, only: choose_kernel
    use statistics_law, only: error_of_points
    use statistics_pool, only: over_all_samples, least_plain_share, pool_type
@@ -97,7 +97,6 @@ contains
          type(integral_type) :: sums(size(spectrum, 2))          ! (statistic)
          type(estimates_type) :: fitted(size(share_below))       ! (percentile)
          integer, allocatable :: ranking(:, :)   ! (rank, frequency of the group) samples
-         real(wp), allocatable :: tail(:, :)     ! (2, frequency of the group) tail_ratio of G
          !> influences of the points on the regression's share of the integrals, and of the
          !> logarithm of the band ratio
          real(wp) :: point_influence(size(law%weight), size(integral))
@@ -114,12 +113,11 @@ contains
             n = last - first + 1
             call predict(fits(k), law%rows, values(:, :n))
             call estimate_means(k, spectrum(first:last, 1), sums(1), point_influence(:, 1))
-            allocate (ranking(law%last - law%first + 1, n), tail(2, n))
+            allocate (ranking(law%last - law%first + 1, n))
             do f = 1, n
-               tail(:, f) = tail_ratio(law, values(:, f), fits(k)%predicted(:, f))
                ranking(:, f) = sort_order(outputs(law%first:law%last, first + f - 1))
             end do
-            call law_percentiles(surrogate, fits(k), law, values(:, :n), tail, share_below, fitted)
+            call law_percentiles(surrogate, fits(k), law, values(:, :n), share_below, fitted)
             do s = 2, size(sums)
                call estimate_percentiles(k, s, ranking, fitted(s - 1), spectrum(first:last, s), &
                                          sums(s), point_influence(:, s))
@@ -133,7 +131,7 @@ contains
             do s = 2, size(sums)
                sums(s)%value = sums(s)%value + step*sum(spectrum(first:last, s)%value)
             end do
-            deallocate (ranking, tail)
+            deallocate (ranking)
          end do
          n = size(sums)
          point_influence(:, n + 1) = point_influence(:, n)/sums(n)%value &
