@@ -5,7 +5,8 @@ With the word `whatif` it estimates, from the samples of each case, the other la
 Campaigns of 5000 samples a case are the truth. From each of them N samples (25, 100 and 400) are
 drawn TIMES times (400), with replacement; each time all statistics are estimated, and their errors
 compared with plain sampling's. The law of the friction is that of the campaign's samples, of which
-each draw takes most. Every case is estimated by itself, and pooled as the program does. Prints a
+each draw takes most. Percentiles of the truth are those of a fit to it with its residuals, without
+their noise. Every case is estimated by itself, and pooled as the program does. Prints a
 table for each scene (paper, stuck, ring, twenty, laws): median gain over cases, masses (and
 frequencies), in brackets the least; mean coverage, in brackets the least and the largest of a case
 and a mass.
