@@ -3,13 +3,13 @@ module driver_check
    use campaign_plan, only: plan_type
    use campaign_pooling, only: fewest_samples
    use campaign_samples_needed, only: find_need, slip_error, statistical_error
-   use campaign_size, only: refuse_oversize
+   use campaign_size, only: refuse_oversize, results_size
    use config_scene, only: scene_type
    use config_summary, only: summary_text
    use core_error, only: error_type, exit_done
    use core_kinds, only: long, wp
    use core_terminal, only: say
-   use core_text, only: brief, duration, labelled, line_feed, to_text
+   use core_text, only: brief, duration, labelled, line_feed, size_text, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_judge_results, only: need_words
@@ -53,13 +53,14 @@ contains
       if (plan%has_structure .and. world%is_root() .and. .not. allocated(error)) &
          call measure_cost(plan, scene%force, most_seconds, cost, error)
       call world%stop_on(error)
-      call predict_samples_needed(world, is_quiet, plan, scene%force, cost%nanoseconds, need)
+      call predict_samples_needed(world, is_quiet, plan, scene%force, cost, need)
       if (world%is_root()) then
          call predict_processes(plan, models)
          if (.not. is_quiet) then
             text = summary_text(scene, plan, cost%nanoseconds, world%n_ranks, cost%transitions, &
                                 models, cost%audit_nanoseconds, &
-                                end_seconds(plan, models, cost, world%n_ranks))
+                                end_seconds(plan, models, cost, world%n_ranks), &
+                                cost%share_powerful)
             call refuse_oversize(plan, oversize)
             if (allocated(oversize)) text = text//'note: '//oversize%message//line_feed
             if (cost%n_steps > 0) text = text//march_text(cost)
@@ -112,12 +113,12 @@ contains
    !> Predicts the standard error and, if it exceeds accuracy%target_statistical, the samples and
    !> steps that meet the target, with enough samples for a regression. Fits the processes for it.
    !> Collective.
-   subroutine predict_samples_needed(world, is_quiet, plan, force, nanoseconds, text)
+   subroutine predict_samples_needed(world, is_quiet, plan, force, cost, text)
       type(world_type), intent(in) :: world
       logical, intent(in) :: is_quiet
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (0:n_steps, record) force file [N]; else size 0
-      real(wp), intent(in) :: nanoseconds    !! time per step of a sample; known on the root
+      type(cost_type), intent(in) :: cost    !! known on the root
       !> Lines; '' without a target, or if a process has no solution
       character(:), allocatable, intent(out) :: text
       type(process_model_type), allocatable :: models(:)
@@ -125,6 +126,7 @@ contains
       type(plan_type) :: larger
       type(slip_error) :: predicted
       type(error_type), allocatable :: error
+      character(:), allocatable :: costs
       integer(long) :: n_samples, n_steps
       real(wp) :: seconds
 
@@ -152,9 +154,13 @@ contains
             larger%cases%n_samples = max(fewest_samples, n_now)
             predicted = predicted_slip_error(larger, measured)
             call find_need(predicted, wanted, s%n_steps - s%n_discard, n_samples, n_steps)
-            seconds = 1.0e-9_wp*nanoseconds*n_samples/maxval(n_now)*(n_steps + s%n_discard) &
+            seconds = 1.0e-9_wp*cost%nanoseconds*n_samples/maxval(n_now)*(n_steps + s%n_discard) &
                       *sum(real(n_now, wp))/world%n_ranks
-            text = text//'; '//need_words(plan, predicted, ', '//duration(seconds))
+            larger%cases%n_samples = int(min(n_samples, 2_long**30))
+            costs = ', '//duration(seconds)
+            if (plan%accuracy%sample_until_met) &
+               costs = costs//', '//size_text(results_size(larger, cost%transitions, models))
+            text = text//'; '//need_words(plan, predicted, costs)
          end if
       end associate
       text = labelled('statistics', text)

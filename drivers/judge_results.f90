@@ -158,17 +158,17 @@ contains
 
    !> Text on the samples and steps that bring an error to the target, and on samples that each have
    !> their own record of noise if these cost less.
-   pure function need_words(plan, error, duration) result(text)
+   pure function need_words(plan, error, costs) result(text)
       type(plan_type), intent(in) :: plan
       type(slip_error), intent(in) :: error      !! known
-      character(*), intent(in) :: duration       !! text on their run time; may be empty
+      character(*), intent(in) :: costs          !! text on their time and size; may be empty
       character(:), allocatable :: text
       integer(long) :: n_own, n_samples, n_steps, unused
 
       associate (wanted => plan%accuracy%target_statistical, how => plan%integration)
          call find_need(error, wanted, how%n_steps - how%n_discard, n_samples, n_steps)
          text = 'about '//to_text(n_samples)//' samples and '//to_text(n_steps + how%n_discard)// &
-                ' steps would meet the target'//duration
+                ' steps would meet the target'//costs
          if (error%n_cases > 0 .and. error%n_samples < fewest_samples) text = text// &
             ' (a regression needs fewer, from '//to_text(fewest_samples)//' samples on)'
          if (allocated(plan%values)) then

@@ -27,8 +27,8 @@ module campaign_size
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: memory_of_pilot, memory_of_rank, n_frequencies, refuse_long_lists, refuse_oversize, &
-             results_size
+   public :: is_fitted_by_simulation, memory_of_pilot, memory_of_rank, n_frequencies, &
+             refuse_long_lists, refuse_oversize, results_size
 
    real(wp), parameter :: real_bytes = 8.0_wp
    real(wp), parameter :: transition_bytes = 20.0_wp     !! time, sample, joint and kind
@@ -38,6 +38,7 @@ module campaign_size
    real(wp), parameter :: unsolved_bytes = 2.6e3_wp      !! process without a solution
    real(wp), parameter :: empty_file_bytes = 6.0e3_wp    !! results file without results (measured)
    real(wp), parameter :: base_memory = 30.0e6_wp        !! [byte] libraries of a rank (measured)
+   real(wp), parameter :: fit_memory = 15.0e6_wp         !! [byte] fit by simulation (measured)
    real(wp), parameter :: march_memory = 38.0e6_wp       !! [byte] the same in a march (measured)
    real(wp), parameter :: listed_shard_bytes = 400.0_wp  !! shard in the lists of a rank
    real(wp), parameter, public :: most_pilot_memory = 20.0e6_wp   !! cases marched at once [byte]
@@ -117,7 +118,9 @@ contains
       n_samples = plan%cases(number)%n_samples
       n_steps = plan%integration%n_steps + 1.0_wp
       associate (n_dof => plan%structure%n_dof, n_joints => plan%structure%n_joints)
-         sample_bytes = real_bytes*(6 + 8*n_joints)
+         sample_bytes = real_bytes*(1 + 7*n_joints)
+         if (kept%energy) sample_bytes = sample_bytes + real_bytes*5
+         if (kept%spectrum) sample_bytes = sample_bytes + real_bytes*n_joints
          if (kept%harmonic) sample_bytes = sample_bytes + real_bytes*2*(n_dof + 1)
          case_bytes = real_bytes*(n_dof + n_joints)
          n_datasets = 27
@@ -191,14 +194,17 @@ contains
       if (layout%follows_power) n_powers = n_batches*size(last_of_ranges(size(layout%frequency)))
    end function n_powers
 
-   !> Largest resident memory of a rank [byte] over the steps of a run: realizations, march,
+   !> Largest resident memory of a rank [byte] over the steps of a run: fits, realizations, march,
    !> statistics, regression, and of the pilot march before them. The matrices stay to the end.
-   pure real(wp) function memory_of_rank(plan, transitions) result(bytes)
+   pure real(wp) function memory_of_rank(plan, transitions, share_powerful) result(bytes)
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: transitions   !! transitions of a sample in a step
+      real(wp), intent(in) :: transitions      !! transitions of a sample in a step
+      real(wp), intent(in) :: share_powerful   !! share of the frequencies that are fitted
       real(wp) :: n_samples, pilot
 
-      bytes = base_memory + real_bytes*plan%n_realizations*plan%n_points
+      bytes = base_memory + max(merge(fit_memory, 0.0_wp, &
+                                      any(is_fitted_by_simulation(plan%processes))), &
+                                real_bytes*plan%n_realizations*plan%n_points)
       if (.not. plan%has_structure) return
       n_samples = maxval(plan%cases%n_samples)
       pilot = 0.0_wp
@@ -211,8 +217,15 @@ contains
                   + memory_of_matrices(plan) &
                   + max(memory_of_march(plan, transitions), pilot, &
                         memory_of_tables(plan) + memory_of_statistics(plan), &
-                        2*memory_of_tables(plan) + memory_of_regression(plan)))
+                        2*memory_of_tables(plan) + memory_of_regression(plan, share_powerful)))
    end function memory_of_rank
+
+   !> True if the fit simulates values and takes seconds, not milliseconds.
+   elemental logical function is_fitted_by_simulation(request)
+      type(process_request), intent(in) :: request
+
+      is_fitted_by_simulation = request%positive .and. request%order /= 1
+   end function is_fitted_by_simulation
 
    !> Memory [byte] of the force record and of a block of samples.
    pure function memory_of_march(plan, transitions) result(bytes)
@@ -324,6 +337,8 @@ contains
       integer, parameter :: most_slices = 32   ! as in driver_statistics
       !> sqrt(n) times this many values are in a bracket: 3 times 2*1.96 sqrt(p (1 - p)), p = 1/2
       real(wp), parameter :: bracket_width = 6.0_wp
+      !> of one dof: the density, its logarithm, its rank (half a real), influences twice
+      real(wp), parameter :: values_of_density = 4.5_wp
       integer :: at_once, n_group, n_groups, n_samples, together
 
       at_once = min(2, count(plan%cases%n_samples > 1))
@@ -338,7 +353,8 @@ contains
          bytes = bytes + at_once*real_bytes*n_kept &
                  *(n_frequencies(plan)*real(3*n_percentiles + n_sums*n_groups, wp) &
                    + most_slices*(n_percentiles + 1)*min(n_group, most_bins)) &
-                 + real_bytes*n_group*n_kept*(together + min(n_powers(plan), 2*n_batches))
+                 + real_bytes*n_group*(n_kept*(together + min(n_powers(plan), 2*n_batches)) &
+                                       + together*values_of_density)
          if (n_groups > 1) bytes = bytes + real_bytes*n_kept*together*n_percentiles &
                                    *bracket_width*sqrt(real(n_samples, wp))
       end associate
@@ -346,8 +362,9 @@ contains
 
    !> Memory [byte] of the largest regression: draws of the laws of the pool; outputs, fits and
    !> predictions of one dof.
-   pure real(wp) function memory_of_regression(plan) result(bytes)
+   pure real(wp) function memory_of_regression(plan, share_powerful) result(bytes)
       type(plan_type), intent(in) :: plan
+      real(wp), intent(in) :: share_powerful   !! as in memory_of_rank
       type(case_pool), allocatable :: pools(:)
       real(wp) :: draws, law, outputs   ! numbers of reals
       integer :: d, n, n_draws, nf, p, stride
@@ -356,7 +373,7 @@ contains
       pools = find_pools(plan)
       d = plan%structure%n_points
       nf = 0
-      if (plan%output%spectrum) nf = n_frequencies(plan)
+      if (plan%output%spectrum) nf = ceiling(share_powerful*n_frequencies(plan))
       do p = 1, size(pools)
          n = sum(pools(p)%n_fitted)
          associate (request => plan%processes(plan%cases(pools(p)%cases(1))%process))

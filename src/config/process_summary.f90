@@ -6,18 +6,11 @@ module config_process_summary
    use process_reference, only: is_reference, law_name
    implicit none(type, external)
    private
-   public :: is_fitted_by_simulation, max_rows, process_table
+   public :: max_rows, process_table
 
    integer, parameter :: max_rows = 40   !! largest number of rows of a table
 
 contains
-
-   !> True if the fit simulates values and takes seconds, not milliseconds.
-   elemental logical function is_fitted_by_simulation(request)
-      type(process_request), intent(in) :: request
-
-      is_fitted_by_simulation = request%positive .and. request%order /= 1
-   end function is_fitted_by_simulation
 
    !> Imposed lengths: 'L0 = 3', 'both = 3, 2.5' of L0 and L1, or '-' for given values.
    pure function length_text(request) result(text)

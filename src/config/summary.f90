@@ -3,10 +3,10 @@ module config_summary
    use campaign_plan, only: add_audits, case_type, integration_settings, plan_type, &
                             reference_for, repeats_samples
    use campaign_pooling, only: case_pool, estimators_of, find_pools
-   use campaign_size, only: memory_of_rank, results_size
+   use campaign_size, only: is_fitted_by_simulation, memory_of_rank, results_size
    use config_fingerprint, only: fingerprint
    use config_groups, only: scene_type
-   use config_process_summary, only: is_fitted_by_simulation, max_rows, process_table
+   use config_process_summary, only: max_rows, process_table
    use core_kinds, only: two_pi, wp
    use core_text, only: brief, counted, duration, joined, labelled, line_feed, lowered, numbered, &
                         row_text, size_text, to_text
@@ -21,7 +21,7 @@ contains
 
    !> Lines of the summary of a scene.
    function summary_text(scene, plan, nanoseconds, n_ranks, transitions, predicted, &
-                         audit_nanoseconds, end_seconds) result(text)
+                         audit_nanoseconds, end_seconds, share_powerful) result(text)
       type(scene_type), intent(in) :: scene
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: nanoseconds   !! time per step of a sample; 0: not known
@@ -31,6 +31,7 @@ contains
       type(process_model_type), intent(in) :: predicted(:)
       real(wp), intent(in) :: audit_nanoseconds   !! the same of samples of the audit
       real(wp), intent(in) :: end_seconds   !! time from the last march to the results file
+      real(wp), intent(in) :: share_powerful   !! share of the frequencies that have the power
       character(:), allocatable :: text
 
       text = labelled('scene', plan%title//', '//scene%path)// &
@@ -44,13 +45,16 @@ contains
          text = text//labelled('work', work_text(plan, n_ranks, nanoseconds)//', '// &
                                duration(end_seconds)//' of statistics and writing'// &
                                trim(merge(', and the fits', '              ', &
-                                          any(is_fitted_by_simulation(plan%processes)))))
+                                          any(is_fitted_by_simulation(plan%processes))))// &
+                               trim(merge(', and the realizations', '                      ', &
+                                          plan%n_realizations > 0)))
          text = text//estimates_text(plan)
          if (repeats_samples(plan)) &
             text = text//labelled('audit', audit_text(plan, n_ranks, audit_nanoseconds))
       end if
       text = text//labelled('memory', 'about '// &
-                            size_text(memory_of_rank(plan, transitions))//' a rank')// &
+                            size_text(memory_of_rank(plan, transitions, share_powerful))// &
+                            ' a rank')// &
              labelled('results', 'up to '// &
                       size_text(results_size(plan, transitions, predicted)))
       if (size(scene%unused) > 0) &

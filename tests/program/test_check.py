@@ -72,6 +72,11 @@ def test_cost_of_a_statistical_target_is_forecast(entroslip, tmp_path):
     with h5py.File(tmp_path / "scene.h5") as file:
         taken = int(file["campaign/c001"].attrs["n_samples"])
     assert forecast / 2 - 32 <= taken <= 2 * forecast + 32
+    told, unit = re.search(
+        r"would\s+meet\s+the\s+target, [\d.e-]+\s+s, ([\d.]+)\s+(kB|MB)", said
+    ).groups()
+    size = (tmp_path / "scene.h5").stat().st_size / {"kB": 1e3, "MB": 1e6}[unit]
+    assert size / 2 <= float(told) * taken / forecast <= 2 * size
     # one record for all: its error is told, and more steps where samples alone are of no use
     one = entroslip("check", "scene.nml", "--set", "accuracy%target_statistical=0.05").stdout
     assert int(re.search(r"samples\s+and\s+(\d+)\s+steps", one)[1]) > 20000

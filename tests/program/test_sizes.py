@@ -35,6 +35,14 @@ CASES = {
     "without_spectra": {"n_samples": 64, "kept": "'slip', 'spectrum' samples = .false."},
     "histories": {"n_steps": 40000, "kept": "'slip', 'history'"},
     "joined": {"n_steps": 40000, "kept": "'slip', 'history'", "std": "0.01, 0.02, 0.03, 0.04"},
+    "regression": {"n_steps": 9000, "n_samples": 400},  # of the frequencies that have power
+    # two million transitions: an axis of them takes no memory
+    "many_transitions": {
+        "n_steps": 2000,
+        "n_samples": 960,
+        "method": "'event' dt = 0.1",
+        "kept": "'slip', 'transitions'",
+    },
     "transitions": {"n_steps": 20000, "n_samples": 32, "kept": "'slip', 'transitions'"},
     "many_masses": {"n_dof": 400, "n_steps": 1000},
     "many_cases": {"n_dof": 90, "n_steps": 3000, "variance": "10, 20, 30, 40, 50, 60, 70, 80, 90"},
