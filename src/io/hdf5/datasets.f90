@@ -265,19 +265,27 @@ contains
       call self%put(name//'_error', standard_error, units, 'standard error: '//long_name, '')
    end subroutine put_value
 
-   !> Writes an axis of n whole numbers that begin at 1, or at `first`, unless the group has it.
+   !> Writes an axis of n whole numbers that begin at 1, or at `first`, unless the group has it; a
+   !> piece at a time, because an axis of transitions may be long.
    subroutine put_axis(self, name, n, long_name, first)
       class(hdf5_group), intent(inout) :: self
       character(*), intent(in) :: name, long_name
       integer, intent(in) :: n
       integer, intent(in), optional :: first
-      integer :: i, start
+      integer, parameter :: piece = 2**16
+      real(wp), allocatable :: numbers(:)
+      integer :: i, offset
 
       if (allocated(self%error)) return
       if (self%has(name)) return
-      start = 1
-      if (present(first)) start = first
-      call self%put(name, [(i, i=start, start + n - 1)], '1', long_name, name)
+      call self%make(name, [int(n, hsize_t)], '1', long_name, name, 'integer')
+      offset = 0
+      if (present(first)) offset = first - 1
+      numbers = [(i + offset, i=1, min(n, piece))]
+      do i = 0, n - 1, piece
+         call self%move_rows(name, i, numbers, 0, min(piece, n - i), .true.)
+         numbers = numbers + piece
+      end do
    end subroutine put_axis
 
    !> Writes the axis of a table: of the datasets that are then written without axes.
