@@ -1,7 +1,8 @@
 !> Computes the gain of a regression on some samples of a case: standard errors of plain sampling
 !> over those of the regression. Forecasts of the campaign's errors use it.
 !>
-!> The regression uses the samples of this case alone; pooled with other cases it gains more.
+!> The regression uses the samples of this case alone. Forecasts of a pool scale its error by the
+!> samples of the pool (error_with of campaign_samples_needed).
 module tradeoff_estimators
    use campaign_plan, only: plan_type
    use campaign_pooling, only: draw_law, fewest_samples, find_input_points
