@@ -117,7 +117,7 @@ def size_and_memory(scene: str, entroslip, program, tmp_path) -> tuple[int, str]
     size = (tmp_path / "s.h5").stat().st_size
     memory = 1024 * int(run.stdout.split()[-1])
     # what libraries take differs from one system to another
-    assert abs(told(said, "memory") - memory) <= 0.25 * memory + 15e6
+    assert abs(told(said, "memory") - memory) <= 0.15 * memory + 12e6
     return size, said
 
 
