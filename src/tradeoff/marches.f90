@@ -48,7 +48,7 @@ contains
             call find_published_values(plan, result, found%value)
          case (samples_task)
             call find_plain_statistics(plan, result, statistics)
-            found%plain_error = plain_errors(plan, statistics)
+            found%plain_error = plain_errors(plan, result, statistics)
             allocate (found%gain, mold=found%plain_error)
             found%gain = 1.0_wp   ! gain of plain sampling
             associate (case_number => tradeoff%cases(task%row), scope => tradeoff%scope)

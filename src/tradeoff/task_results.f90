@@ -8,7 +8,7 @@ module tradeoff_task_results
    use campaign_results, only: block_result, case_statistics
    use core_kinds, only: wp
    use numerics_statistics, only: standard_deviation
-   use statistics_estimates, only: statistic_type, normal_95
+   use statistics_estimates, only: estimates_type, plain_percentile
    use tradeoff_sample, only: level_type
    implicit none(type, external)
    private
@@ -143,11 +143,15 @@ contains
       end associate
    end subroutine find_plain_statistics
 
-   !> Standard errors that the statistics of plain sampling state.
-   pure function plain_errors(plan, statistics) result(found)
+   !> Standard errors of plain sampling. Those of percentiles and band ratios are of influences alone:
+   !> the intervals of few samples reach much farther, and do not fall as n^(-1/2).
+   pure function plain_errors(plan, result, statistics) result(found)
       type(plan_type), intent(in) :: plan
+      type(block_result), intent(in) :: result   !! results of the samples of `statistics`
       type(case_statistics), intent(in) :: statistics
       real(wp), allocatable :: found(:, :)   !! (joint or dof, published number)
+      real(wp) :: influence(result%n_samples), own(result%n_samples)   ! on ln of integrals
+      type(estimates_type) :: percentile
       integer :: dof, last, p
 
       last = size(statistics%numbers, 2)
@@ -157,26 +161,23 @@ contains
          found(:m, slip_std) = points*statistics%numbers(:, last)%error
          if (.not. allocated(statistics%psd)) return
          do dof = 1, n
-            associate (psd => statistics%psd(dof, :, :), &
-                       ratio => statistics%pseudo_variances(dof, last))
-               if (minval(statistics%pseudo_variances(dof, 2:last - 1)%value) > 0.0_wp) &
-                  found(dof, band_ratio) = log(ratio%high/ratio%value)/normal_95
-               if (.not. statistics%pseudo_variances(dof, 1)%value > 0.0_wp) cycle
-               found(dof, psd_mean) = sum(psd(:, 1)%error)/sum(psd(:, 1)%value)
-               found(dof, psd_percentiles) = maxval([(relative_error(psd(:, p)), p=2, last - 1)])
+            associate (psd => statistics%psd(dof, :, :)%value)
+               if (.not. minval(statistics%pseudo_variances(dof, :last - 1)%value) > 0.0_wp) cycle
+               found(dof, psd_mean) = sum(statistics%psd(dof, :, 1)%error)/sum(psd(:, 1))
+               do p = 2, last - 1
+                  percentile = plain_percentile(log(max(transpose(result%psd(dof, :, :)), &
+                                                        tiny(1.0_wp))), &
+                                                plan%output%percentiles(p - 1)/100.0_wp)
+                  own = matmul(percentile%influence, psd(:, p))/sum(psd(:, p))
+                  if (p == 2) influence = own
+                  found(dof, psd_percentiles) = max(found(dof, psd_percentiles), &
+                                                    dot_product(norm2(percentile%influence, 1), &
+                                                                psd(:, p))/sum(psd(:, p)))
+               end do
+               found(dof, band_ratio) = norm2(own - influence)
             end associate
          end do
       end associate
    end function plain_errors
-
-   !> Relative standard error of an integral, from the 95 % intervals of its integrand; 0 if the
-   !> integral is 0.
-   pure real(wp) function relative_error(integrand)
-      type(statistic_type), intent(in) :: integrand(:)
-
-      relative_error = 0.0_wp
-      if (sum(integrand%value) > 0.0_wp) &
-         relative_error = sum(integrand%high - integrand%low)/(2*normal_95*sum(integrand%value))
-   end function relative_error
 
 end module tradeoff_task_results
