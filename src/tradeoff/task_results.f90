@@ -143,8 +143,8 @@ contains
       end associate
    end subroutine find_plain_statistics
 
-   !> Standard errors of plain sampling. Those of percentiles and band ratios are of influences alone:
-   !> the intervals of few samples reach much farther, and do not fall as n^(-1/2).
+   !> Standard errors of plain sampling. Those of percentiles and band ratios are of influences
+   !> alone: intervals of few samples reach much farther, and do not fall as n^(-1/2).
    pure function plain_errors(plan, result, statistics) result(found)
       type(plan_type), intent(in) :: plan
       type(block_result), intent(in) :: result   !! results of the samples of `statistics`

@@ -59,6 +59,8 @@ def test_a_scene_gets_its_tradeoff(entroslip, small_scene, tmp_path):
         check_variants(file["tradeoff/variants"])
         errors = file["tradeoff/parts"]
         assert all(errors[name][()] > 0 for name in errors), dict(errors)
+        # not half of the interval of seven samples, which is 14 times as long
+        assert errors["samples_psd_percentiles"][()] < 5 * errors["samples_psd_mean"][()]
     again = entroslip("tradeoff", small_scene, *SHORT, "--output", "three.h5", ranks=3)
     assert again.returncode == 0, again.stderr
     assert measured(tmp_path / "small_tradeoff.h5") == measured(tmp_path / "three.h5")
