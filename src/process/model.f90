@@ -70,8 +70,8 @@ module process_model
       real(wp) :: entropy_bound = 0.0_wp         !! entropy of white noise, Eq. (42)
       real(wp) :: optimality = 0.0_wp            !! largest residual of the optimality conditions
       real(wp) :: seconds = 0.0_wp               !! processor time of the fit
-      !> positive: signs of K(m), 'nonnegative', 'alternating' or 'mixed', or 'open' of a forecast
-      !> that did not find them; else unallocated
+      !> positive: signs of K(m), 'nonnegative', 'alternating' or 'mixed'; of a forecast 'open' if
+      !> it did not find them, 'two' if a fit may search two branches; else unallocated
       character(:), allocatable :: branch
       !> exact law with alternating K(m): row of the matrix G [1/unit of X squared]. As G may be
       !> indefinite, there are no a, poles and Lambda; b0 = 1/sqrt(G_0), and mu is the centre of the
@@ -160,6 +160,9 @@ contains
       if (allocated(model%reason)) note = model%reason
       if (model%branch == 'open') &
          note = 'not found in a short search: a run searches further'
+      if (model%branch == 'two') &
+         note = 'alternating K(m) may be searched too, for up to a minute or two: '// &
+                "branch = 'nonnegative' leaves them out"
       if (model%branch /= 'alternating') return
       note = "K(m) alternates: neighbours are anticorrelated; branch = 'nonnegative' refuses it"
       if (abs(model%nonnegative_entropy) > 0.0_wp) &

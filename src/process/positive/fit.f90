@@ -14,7 +14,7 @@ module process_positive_fit
    use process_model, only: gaussian_entropy, process_model_type, process_request
    use process_positive_description, only: compare_laws, describe_evaluation, &
                                            describe_far_from_zero, describe_solution
-   use process_positive_first_order, only: describe_first_order, match_first_order
+   use process_positive_first_order, only: describe_first_order, find_limit, match_first_order
    use process_positive_kernel, only: first_order_law
    use process_positive_objective, only: sampled_objective
    use process_positive_refinement, only: refine, shape_uncertainty
@@ -98,6 +98,9 @@ contains
       type(process_model_type) :: other
       type(error_type), allocatable :: failure
       type(sampled_objective) :: search, second
+      ! largest effort of the second branch over that of the first, if that has a solution: of 8
+      ! alternating processes with more entropy none took more than 1
+      real(wp), parameter :: others = 4.0_wp
       real(wp) :: unused
 
       other = model
@@ -108,6 +111,8 @@ contains
       end if
       if (.not. allocated(error)) call finish_fit(request, search, model, error)
       if (may_be_alternating(request, search, model, error)) then
+         if (.not. allocated(error)) &
+            second%max_effort = min(second%max_effort, others*search%effort)
          call follow_from_order_1(request, seed, .true., second, unused, failure)
          if (.not. allocated(failure)) call finish_fit(request, second, other, failure)
          if (allocated(failure)) then
@@ -138,10 +143,12 @@ contains
       real(wp), parameter :: certain = 2.0_wp                      ! the same in standard errors
 
       is_so = request%branch == 'any' .and. request%method == 'autoregressive' .and. &
-              request%correlation /= 'both' .and. was_searched(request, search)
+              was_searched(request, search)
       if (.not. is_so) return
       if (allocated(error)) then
          is_so = error%exit_code == exit_no_solution
+      else if (request%correlation == 'both') then   ! its maxima with K(m) >= 0 come first
+         is_so = .false.
       else
          is_so = alternating_bound(request) - model%entropy > &
                  max(least, min(certain*model%entropy_error, most))
@@ -179,7 +186,8 @@ contains
    end function was_searched
 
    !> Checks a request without its fit: fails if a short search shows that there is no process. A
-   !> process of order 1 with K(m) >= 0 is one of every order. If only a long search can tell, the
+   !> process of order 1 with K(m) >= 0 is one of every order; next to where order 1 ends the branch
+   !> is 'two', as the fit may search the alternating one too. If only a long search can tell, the
    !> branch is 'open'.
    subroutine predict_positive(request, seed, model, error)
       type(process_request), intent(in) :: request
@@ -191,7 +199,8 @@ contains
       type(first_order_law) :: first_order
       type(process_request) :: one
       type(error_type), allocatable :: refusal
-      real(wp) :: unused
+      real(wp), parameter :: near = 0.85_wp   ! std/mean over the limit of order 1
+      real(wp) :: limit, unused
       real(wp), allocatable :: state(:)
       logical :: has_first_order, has_others, is_inside
 
@@ -210,7 +219,11 @@ contains
          has_first_order = .not. allocated(refusal)
       end if
       ! with branch = 'nonnegative' some K(m) may be 0 at the maximum, which a short search can miss
-      if (has_first_order .and. request%branch /= 'nonnegative') return
+      if (has_first_order .and. request%branch /= 'nonnegative') then
+         call find_limit(one, .false., limit, refusal)
+         if (request%std > near*limit*request%mean) model%branch = 'two'
+         return
+      end if
       search%max_effort = quick_effort(merge(2, 1, request%sampler == 'exact'))
       call follow_unconstrained(request, seed, search, error)
       if (allocated(error)) then

@@ -74,7 +74,7 @@ contains
             call settle_signs()
       end if
       if (search%found%is_converged) return
-      if (search%family%kind == by_reflection .and. request%correlation /= 'both') then
+      if (search%family%kind == by_reflection) then
          effort = search%effort
          search%effort = 0.0_wp
          call follow_from_order_1(request, seed, .false., search, farther, failure)
@@ -139,6 +139,7 @@ contains
       limit = 0.0_wp
       one = request
       one%order = 1
+      if (request%correlation == 'both') one%correlation = 'L0'   ! its L1 is another
       call find_limit(one, is_alternating, limit_of_order_1, error)
       if (allocated(error)) return
       one%std = min(request%std, inside*limit_of_order_1*request%mean)

@@ -47,7 +47,7 @@ contains
       integer, allocatable :: ranking(:)   ! solutions by descending entropy
       real(wp) :: best, effort
       integer :: i
-      logical :: is_excluded, is_whole
+      logical :: is_excluded, is_first, is_whole
 
       call list_sequences(request, sequences, is_whole, error)
       if (allocated(error)) return
@@ -55,13 +55,14 @@ contains
       best = -huge(best)
       effort = search%max_effort
       is_excluded = .false.
+      is_first = .true.
       do i = 1, size(sequences)
          is_excluded = sequences(i)%entropy + log(request%std) < best + negligible
          if ((is_excluded .or. .not. effort > 0.0_wp) .and. .not. request%all_signs) exit
          call solve_signs(request, seed, sequences(i), effort, trial, solution, failure)
-         if (i == 1) effort = others*trial%effort
-         if (i > 1) effort = effort - trial%effort
-         if (request%all_signs) effort = trial%max_effort
+         effort = merge(others*trial%effort, effort - trial%effort, is_first)
+         is_first = is_first .and. .not. trial%effort > 0.0_wp   ! some fail without a search
+         if (is_first .or. request%all_signs) effort = trial%max_effort
          model%n_examined = i
          if (i == 1 .and. allocated(failure)) error = failure
          if (allocated(failure)) cycle

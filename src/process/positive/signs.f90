@@ -37,21 +37,45 @@ contains
       call maximize(search, difference_step, tolerance, max_iterations)
    end subroutine find_maximum
 
-   !> Finds the maximum whose K(m) have the assumed signs, by turning signs and searching again; not
-   !> converged if signs keep turning or come back to those that failed. K(m) = 0 becomes a
-   !> constraint where its sign must not turn or has turned before, until entropy is gained by
-   !> releasing it to an allowed side. By the direct method the signs of lags with a_m = 0 may turn;
-   !> those with a_m < 0 may not, because another sign belongs to another sequence.
+   !> Finds the maximum whose K(m) have the assumed signs, by turning signs and searching again. If
+   !> signs keep turning, or a search fails, it is the last process on the way whose signs were
+   !> right, though entropy is gained by releasing one of its K(m) = 0; not converged if there was
+   !> none.
    subroutine match_signs(search)
       type(sampled_objective), intent(inout) :: search
+      type(sampled_objective), allocatable :: consistent
+      real(wp) :: effort
+
+      call turn_signs(search, consistent)
+      if (search%found%is_converged .or. .not. allocated(consistent)) return
+      effort = search%effort
+      search = consistent
+      search%effort = effort
+      associate (n => search%n_constraints - size(search%zeros))   ! they need not be 0 any more
+         search%found%jacobian = search%found%jacobian(:n, :)
+         search%found%multipliers = search%found%multipliers(:n)
+      end associate
+      call search%hold_at_zero([integer ::])
+      call search%set_single_lags()
+   end subroutine match_signs
+
+   !> Turns signs and searches again until K(m) have the assumed ones; not converged if signs keep
+   !> turning or come back to those that failed. K(m) = 0 becomes a constraint where its sign must
+   !> not turn or has turned before, until entropy is gained by releasing it to an allowed side. If
+   !> a search fails, K(m) that is farthest on the wrong side is held at 0, and all others stay as
+   !> they were. By the direct method the signs of lags with a_m = 0 may turn; those with a_m < 0
+   !> may not, because another sign belongs to another sequence.
+   subroutine turn_signs(search, consistent)
+      type(sampled_objective), intent(inout) :: search
+      type(sampled_objective), allocatable, intent(out) :: consistent   !! see `match_signs`
       integer, parameter :: max_passes = 12
       integer, parameter :: sign_steps = 16     ! steps that tell the signs, over those of a search
       integer, parameter :: zero_steps = 1024   ! steps of a batch, if some K(m) = 0
-      real(wp), allocatable :: assumed(:), failed(:)   ! (0:n_lags) signs, 0 where K(m) is held at 0
+      real(wp), allocatable :: assumed(:), before(:), failed(:)   ! (0:n_lags) signs
       real(wp), allocatable :: autocovariance(:), gains(:), reached(:)
       integer, allocatable :: lags(:)
       logical, allocatable :: is_fixed(:), is_held(:), is_wrong(:)
-      integer :: n_steps, pass
+      integer :: n_steps, pass, worst
 
       n_steps = search%n_steps
       failed = 0.0_wp*search%signs
@@ -72,18 +96,24 @@ contains
          search%found%is_converged = .not. any(is_wrong .and. is_fixed)
          if (.not. search%found%is_converged) return
          if (.not. (any(is_wrong) .or. any(abs(gains) > gradient_tolerance))) exit
+         if (.not. (any(is_wrong) .or. search%family%kind == by_symbol)) then
+            consistent = search
+            consistent%found%residual = max(search%found%residual, maxval(abs(gains)))
+         end if
          search%found%is_converged = pass < max_passes
          if (.not. search%found%is_converged) return
+         before = search%signs
+         reached = search%point
          lags = pack(search%zeros, abs(gains) <= gradient_tolerance)
          if (any(is_wrong .and. is_held)) &   ! one at a time: the others may turn with it
             lags = [lags, minloc(search%signs*autocovariance, 1, is_wrong .and. is_held) - 1]
          search%signs(search%zeros) = merge(sign(1.0_wp, gains), search%signs(search%zeros), &
                                             abs(gains) > gradient_tolerance)
          where (is_wrong .and. .not. is_held) search%signs = -search%signs
+         worst = minloc(before*autocovariance, 1, is_wrong) - 1
          is_held = is_held .or. is_wrong
-         if (size(lags) > 0) search%n_steps = max(n_steps, zero_steps)
-         reached = search%point
          do
+            if (size(lags) > 0) search%n_steps = max(n_steps, zero_steps)
             assumed = search%signs
             assumed(lags) = 0.0_wp
             search%found%is_converged = .false.
@@ -91,15 +121,17 @@ contains
             call search%hold_at_zero(lags)
             call search%set_single_lags()
             call find_maximum(search)
-            if (search%found%is_converged .or. size(lags) < 2) exit
+            if (search%found%is_converged .or. worst < 1) exit
             if (search%family%kind == by_symbol) exit
             failed = assumed
-            lags = lags(size(lags):)   ! only the newest
+            lags = [worst]   ! and nothing else changes
+            search%signs = before
             search%point = reached
+            worst = 0
          end do
          if (.not. search%found%is_converged) return
       end do
-   end subroutine match_signs
+   end subroutine turn_signs
 
    !> Compares the assumed signs with those of K(m) on many values; not converged if the law leaves
    !> the domain on these.
