@@ -214,6 +214,7 @@ contains
       real(wp) :: spread(n_parts)   ! (part) s
       integer :: ranking(law%last - law%first + 1)           ! (rank) samples of the law
       real(wp), dimension(size(ranking)) :: place, residual  ! (rank) place of the prediction
+      real(wp) :: after(0:size(ranking) - size(near, 1))     ! (samples before) s of those near
       real(wp) :: least, parts_per_unit, s
       integer :: first, k, m, n, n_near
 
@@ -225,12 +226,20 @@ contains
       least = place(1)
       parts_per_unit = n_parts/max(place(n) - least, sqrt(tiny(least)))
       place = (place - least)*parts_per_unit
-      do k = 1, n_parts
-         before(k) = max(0, min(count(place <= k - 0.5_wp) - n_near/2, n - n_near))
-         associate (some => residual(before(k) + 1:before(k) + n_near))
-            spread(k) = sqrt(sum((some - sum(some)/n_near)**2)/(n_near - 1))
+      do m = 0, n - n_near
+         associate (some => residual(m + 1:m + n_near))
+            after(m) = sqrt(sum((some - sum(some)/n_near)**2)/(n_near - 1))
          end associate
       end do
+      m = 0
+      do k = 1, n_parts
+         do while (m < n)
+            if (place(m + 1) > k - 0.5_wp) exit
+            m = m + 1
+         end do
+         before(k) = max(0, min(m - n_near/2, n - n_near))
+      end do
+      spread = after(before)
       !$omp simd private(s)
       do m = 1, size(values)
          s = spread(part_of(values(m)))

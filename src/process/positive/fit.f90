@@ -98,8 +98,8 @@ contains
       type(process_model_type) :: other
       type(error_type), allocatable :: failure
       type(sampled_objective) :: search, second
-      ! largest effort of the second branch over that of the first, if that has a solution: of 8
-      ! alternating processes with more entropy none took more than 1
+      ! largest effort of the second branch over that of the first, if that has a solution: of the
+      ! five alternating processes seen with more entropy none took more than 1
       real(wp), parameter :: others = 4.0_wp
       real(wp) :: unused
 
