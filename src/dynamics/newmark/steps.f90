@@ -289,7 +289,7 @@ contains
       type(newmark_trial), intent(in) :: trial
       real(wp), intent(in), contiguous :: force(0:, :)   !! (step, force, or force and sample) [N]
       real(wp), intent(in), contiguous :: old(:, :)
-      real(wp), intent(inout), contiguous :: new(:, :)
+      real(wp), intent(inout), contiguous :: new(:, :)   !! column 3: p; the others are a buffer
       real(wp) :: change
       integer :: f
 
@@ -382,11 +382,10 @@ contains
    !> Adds S^-1 W g to a, so that the joints of the listed rows slip. Row j of the matrix is in
    !> column j of `factor` from its diagonal on. Eliminates by itself, since calls of LAPACK cost
    !> more than these few rows.
-   pure subroutine release(registers, list, share_of_a, flexibility, span, inverse, g, factor, a)
+   pure subroutine release(registers, list, beta_h2, flexibility, span, inverse, g, factor, a)
       integer, intent(in) :: registers
       integer, intent(in), contiguous :: list(:)
-      real(wp), intent(in) :: share_of_a         !! beta h^2
-      real(wp), intent(in) :: flexibility(rows*registers)
+      real(wp), intent(in) :: beta_h2, flexibility(rows*registers)
       integer, intent(in) :: span(2, 2*registers)
       real(wp), intent(in) :: inverse(rows*registers, rows*registers)
       real(wp), intent(inout) :: g(rows*registers)   !! (row) first the right side Z (x1 - x0)
@@ -397,7 +396,7 @@ contains
 
       do j = 1, size(list)
          do i = j, size(list)
-            factor(i, j) = -share_of_a*inverse(list(i), list(j))
+            factor(i, j) = -beta_h2*inverse(list(i), list(j))
          end do
          factor(j, j) = factor(j, j) + flexibility(list(j))
       end do
