@@ -17,7 +17,7 @@ module dynamics_newmark_block
    type :: newmark_trial
       integer :: sample = 0, slot = 0           !! slot of the present motion
       integer :: level = 0, pattern = 0         !! h = dt/2^level; see newmark_block
-      integer :: entry = 0                      !! see newmark_steps
+      integer :: entry = 0                      !! see newmark_matrices
       integer :: step = 0, column = 0           !! step of the force; column before its first force
    end type newmark_trial
 
@@ -43,7 +43,7 @@ module dynamics_newmark_block
       real(wp), allocatable :: reach(:, :)        !! mu N/k (joint, sample) [m]
       ! buffers
       type(newmark_trial), allocatable :: trials(:)
-      real(wp), pointer, contiguous :: push(:, :) => null()   !! (row, trial), see newmark_steps
+      real(wp), pointer, contiguous :: push(:, :) => null()   !! p (row, trial)
       integer, allocatable :: list(:)               !! joints
       real(wp), allocatable :: factor(:, :)         !! (joint + 1, joint)
       real(wp), allocatable :: margin(:, :)         !! guards at both ends of a step (row, 0:1)

@@ -10,7 +10,8 @@ module dynamics_newmark_march
    use core_text, only: rounded_text, to_text
    use dynamics_newmark_block, only: load_block, newmark_block, store_block
    use dynamics_newmark_frame, only: new_newmark_frame, newmark_frame
-   use dynamics_newmark_steps, only: new_newmark_steps, newmark_steps
+   use dynamics_newmark_matrices, only: new_newmark_matrices, newmark_matrices
+   use dynamics_newmark_steps, only: try_steps
    use dynamics_response, only: block_state, marcher_type
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -21,7 +22,7 @@ module dynamics_newmark_march
 
    !> March by Newmark's scheme, prepared for one structure and time step.
    type, extends(marcher_type) :: newmark_marcher
-      type(newmark_steps), private :: steps
+      type(newmark_matrices), private :: matrices
    contains
       procedure :: advance
    end type newmark_marcher
@@ -44,8 +45,8 @@ contains
       marcher%dt = dt
       call new_newmark_frame(structure, frame, error)
       if (allocated(error)) return
-      call new_newmark_steps(frame, dt, max_halvings, beta, gamma, marcher%steps, error)
-      if (.not. allocated(error)) marcher%work = marcher%steps%work()
+      call new_newmark_matrices(frame, dt, max_halvings, beta, gamma, marcher%matrices, error)
+      if (.not. allocated(error)) marcher%work = marcher%matrices%work()
    end subroutine new_newmark
 
    !> Longest stable step of the scheme [s]: any step if 2 beta >= gamma >= 1/2, else 1/(omega
@@ -103,7 +104,7 @@ contains
       integer(long), dimension(state%n_samples) :: has_crossed, is_active, is_due, is_switching
 
       if (ubound(force, 1) == 0) return
-      call load_block(self%steps%frame, self%dt, self%steps%max_halvings, force, state, block)
+      call load_block(self%matrices%frame, self%dt, self%matrices%max_halvings, force, state, block)
       n_records = 0
       next_tick = -1
       record_ticks = shiftl(int(every, long), block%max_halvings)
@@ -115,7 +116,7 @@ contains
       n_active = state%n_samples
       do while (n_active > 0)   ! a trial step of each sample that is not at the end
          has_crossed = 0
-         call self%steps%try_steps(sample(:n_active), block, has_crossed)
+         call try_steps(self%matrices, sample(:n_active), block, has_crossed)
          if (state%keeps_ledger .or. block%has_frictionless) then
             do k = 1, n_active
                if (has_crossed(sample(k)) == 0) call block%count_step(state, sample(k))
