@@ -151,6 +151,7 @@ contains
       type(case_statistics), intent(in) :: statistics
       real(wp), allocatable :: found(:, :)   !! (joint or dof, published number)
       real(wp) :: influence(result%n_samples), own(result%n_samples)   ! on ln of integrals
+      real(wp), allocatable :: logarithm(:, :)   ! of the densities (sample, frequency)
       type(estimates_type) :: percentile
       integer :: dof, last, p
 
@@ -164,10 +165,9 @@ contains
             associate (psd => statistics%psd(dof, :, :)%value)
                if (.not. minval(statistics%pseudo_variances(dof, :last - 1)%value) > 0.0_wp) cycle
                found(dof, psd_mean) = sum(statistics%psd(dof, :, 1)%error)/sum(psd(:, 1))
+               logarithm = log(max(transpose(result%psd(dof, :, :)), tiny(1.0_wp)))
                do p = 2, last - 1
-                  percentile = plain_percentile(log(max(transpose(result%psd(dof, :, :)), &
-                                                        tiny(1.0_wp))), &
-                                                plan%output%percentiles(p - 1)/100.0_wp)
+                  percentile = plain_percentile(logarithm, plan%output%percentiles(p - 1)/100.0_wp)
                   own = matmul(percentile%influence, psd(:, p))/sum(psd(:, p))
                   if (p == 2) influence = own
                   found(dof, psd_percentiles) = max(found(dof, psd_percentiles), &
