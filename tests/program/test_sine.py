@@ -129,6 +129,10 @@ def test_a_bad_density_is_named_by_its_lines(entroslip, tmp_path):
     assert done.returncode == 2
     assert "density.txt:2: density = -1.0: must be zero or positive" in done.stderr
     assert "density.txt:3: frequency = 1.0: must ascend" in done.stderr
+    (tmp_path / "density.txt").write_text("1 1\n1.00001 1\n")
+    done = entroslip("check", "s.nml")
+    assert done.returncode == 2
+    assert "density.txt: must not be narrower than about" in done.stderr
 
 
 def test_there_is_no_tradeoff_of_sines(entroslip, tmp_path):
