@@ -18,7 +18,7 @@ module campaign_size
    use numerics_spectrum, only: last_of_ranges
    use numerics_statistics, only: n_sums
    use process_direct_sign_search, only: max_listed
-   use process_model, only: process_model_type, process_request
+   use process_model, only: is_fitted_by_simulation, process_model_type, process_request
    use statistics_estimates, only: numbers_of_statistic
    use statistics_fit, only: most_pair_outputs, most_pair_samples
    use statistics_law, only: most_kept_draws, n_points
@@ -27,8 +27,8 @@ module campaign_size
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: is_fitted_by_simulation, memory_of_pilot, memory_of_rank, n_frequencies, &
-             refuse_long_lists, refuse_oversize, results_size
+   public :: memory_of_pilot, memory_of_rank, n_frequencies, refuse_long_lists, refuse_oversize, &
+             results_size
 
    real(wp), parameter :: real_bytes = 8.0_wp
    real(wp), parameter :: transition_bytes = 20.0_wp     !! time, sample, joint and kind
@@ -219,13 +219,6 @@ contains
                         memory_of_tables(plan) + memory_of_statistics(plan), &
                         2*memory_of_tables(plan) + memory_of_regression(plan, share_powerful)))
    end function memory_of_rank
-
-   !> True if the fit simulates values and takes seconds, not milliseconds.
-   elemental logical function is_fitted_by_simulation(request)
-      type(process_request), intent(in) :: request
-
-      is_fitted_by_simulation = request%positive .and. request%order /= 1
-   end function is_fitted_by_simulation
 
    !> Memory [byte] of the force record and of a block of samples.
    pure function memory_of_march(plan, transitions) result(bytes)

@@ -3,14 +3,14 @@ module config_summary
    use campaign_plan, only: add_audits, case_type, integration_settings, plan_type, &
                             reference_for, repeats_samples
    use campaign_pooling, only: case_pool, estimators_of, find_pools
-   use campaign_size, only: is_fitted_by_simulation, memory_of_rank, results_size
+   use campaign_size, only: memory_of_rank, results_size
    use config_fingerprint, only: fingerprint
    use config_groups, only: scene_type
    use config_process_summary, only: max_rows, process_table
    use core_kinds, only: two_pi, wp
    use core_text, only: brief, counted, duration, joined, labelled, line_feed, lowered, numbered, &
                         row_text, size_text, to_text
-   use process_model, only: process_model_type
+   use process_model, only: is_fitted_by_simulation, process_model_type
    use process_scaling, only: first_of_fit
    use structure_model, only: structure_type
    implicit none(type, external)

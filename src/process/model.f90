@@ -6,8 +6,8 @@ module process_model
    implicit none(type, external)
    private
    public :: process_moments, process_request, process_model_type, inversion_check, branch_note, &
-             gaussian_entropy, innovation_scale, lengths_of, positive_name, request_label, &
-             take_law, take_other_law
+             gaussian_entropy, innovation_scale, is_fitted_by_simulation, lengths_of, &
+             positive_name, request_label, take_law, take_other_law
 
    !> Process that is asked for. Lengths are in lags; mean and std in the unit of X.
    type :: process_request
@@ -149,6 +149,13 @@ contains
       moments%std_error = b0*law%std_error
       moments%entropy = law%entropy + log(std)
    end function moments_in_unit
+
+   !> True if the fit simulates values and takes seconds, not milliseconds.
+   elemental logical function is_fitted_by_simulation(request)
+      type(process_request), intent(in) :: request
+
+      is_fitted_by_simulation = request%positive .and. request%order /= 1
+   end function is_fitted_by_simulation
 
    !> Note on a process whose K(m) alternates or whose branch is not known for sure; else empty.
    pure function branch_note(model) result(note)
