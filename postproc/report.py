@@ -148,9 +148,11 @@ def _findings(statements: Sequence[Statement]) -> str:
         for source, text, numbers in OBSERVATIONS
         if (marks := _marks([of[number] for number in numbers if number in of]))
     )
+    names_scenes = len({s.scene for s in statements}) > 1
     rows = "".join(
         f'<tr id="statement-{s.number}"><td>{s.number}</td>'
         f'<td>{escape(s.claim)}<br><span class="test">{escape(s.source)}. Test: {escape(s.test)}.'
+        f"{f' Scene: {escape(s.scene)}.' if names_scenes else ''}"
         f"</span></td><td>{_verdict(s)}</td>"
         f'<td class="p">{_p_value(s)}</td><td>{_numbers(s)}</td></tr>'
         for s in statements

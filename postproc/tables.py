@@ -65,12 +65,14 @@ def table_statements(statements: Sequence[Statement]) -> Table:
         (
             s.number, s.claim, s.verdict.value, f"{s.judgement.p_value:.2g}", finding.text,
             f"{finding.estimate:.4g}", f"{finding.low:.4g}", f"{finding.high:.4g}", s.test,
+            s.scene,
         )
         for s in statements
         for finding in s.findings
     ]  # fmt: skip
     header = (
         "statement", "claim", "verdict", "p", "number", "estimate", "95 % from", "to", "test",
+        "scene",
     )  # fmt: skip
     return Table("statements", "The paper's statements", header, rows)
 

@@ -56,6 +56,7 @@ class Statement:
     test: str
     findings: tuple[Finding, ...]
     judgement: Judgement
+    scene: str = ""  # title of the scene whose results decided
 
     @property
     def verdict(self) -> Verdict:

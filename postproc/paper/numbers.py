@@ -141,8 +141,8 @@ def _judged(statements: Sequence[Statement]) -> Iterator[tuple[_Row, str]]:
             for finding in statement.findings:
                 error = (finding.high - finding.low) / (2.0 * WIDTH)
                 ours = value_with_error(100.0 * finding.estimate, 100.0 * error)
-                scene = statement.test.rsplit("; scene: ", maxsplit=1)[-1]
-                yield _Row("Fig. 9", f"{finding.text} [%]", PEAK_MEAN, ours, error), scene
+                row = _Row("Fig. 9", f"{finding.text} [%]", PEAK_MEAN, ours, error)
+                yield row, statement.scene
 
 
 def table_correlations(results: Results) -> Table | None:

@@ -29,7 +29,7 @@ def assess(files: Sequence[Results]) -> list[Statement]:
                     statement = test()
             except NoEvidence:
                 continue
-            named = replace(statement, test=f"{statement.test}; scene: {results.title}")
+            named = replace(statement, scene=results.title)
             widths = [finding.high - finding.low for finding in statement.findings]
             found.setdefault(statement.number, []).append((sum(widths), named))
     decided = [min(group, key=lambda one: one[0])[1] for group in found.values()]

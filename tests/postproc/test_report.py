@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import pytest
@@ -67,6 +68,15 @@ def test_verdicts_stand_in_table_and_captions(tmp_path):
     assert caption.count('class="verdict') == 2
     assert "key observation (iii)" in page
     assert "Bonferroni" in page
+
+
+def test_scenes_are_named_where_there_are_several(tmp_path):
+    study = friction_study(n_samples=20)
+    statements = assess([study])
+    other = [replace(statements[0], scene="another"), *statements[1:]]
+    for decided, is_named in ((statements, False), (other, True)):
+        write_report([study], decided, [], [], tmp_path / "report.html")
+        assert ("Scene: synthetic." in (tmp_path / "report.html").read_text()) == is_named
 
 
 def test_a_note_of_several_tables_in_turn_stands_once(tmp_path):
