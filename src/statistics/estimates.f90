@@ -92,7 +92,8 @@ contains
       real(wp), intent(in) :: y(:, :)   !! (sample, output)
       real(wp), intent(in) :: p         !! share of the law below the percentile
       integer, intent(in), optional :: ranking(:, :)   !! (rank, output) samples; else computed
-      real(wp) :: sorted(size(y, 1)), factor, rank, reach(2), shift, scatter, slope
+      real(wp) :: sorted(size(y, 1)), factor, rank, reach(2), shift, scatter, slope, square
+      logical :: is_below(size(y, 1))
       logical :: has_ends(2)      ! order statistics exist where the interval ends
       logical :: has_density(2)   ! and one scatter of the rank away
       integer :: n, o
@@ -113,7 +114,9 @@ contains
          end if
          plain%value(o) = at_rank(sorted, rank)
          slope = slope_between(sorted, rank - scatter, rank + scatter)
-         plain%influence(:, o) = slope*merge(p - 1.0_wp, p, y(:, o) <= plain%value(o))
+         is_below = y(:, o) <= plain%value(o)
+         if (all(is_below)) is_below = y(:, o) < plain%value(o)   ! some equal the largest
+         plain%influence(:, o) = slope*merge(p - 1.0_wp, p, is_below)
          plain%influence(:, o) = plain%influence(:, o) - sum(plain%influence(:, o))/n
          ! a share rank/(n + 1) of the law is expected below an order statistic, and not p; its
          ! scatter r/n makes a further bias, half of the quantile's second derivative times r^2
@@ -121,9 +124,9 @@ contains
          if (shift > 0.0_wp) plain%bias(o) = plain%bias(o) + 0.5_wp*(scatter/shift)**2 &
                                              *(at_rank(sorted, rank + shift) - plain%value(o) &
                                                + at_rank(sorted, rank - shift) - plain%value(o))
-         if (.not. slope > 0.0_wp) cycle
-         factor = 1.0_wp/student_factor(effective_degrees(plain%influence(:, o), &
-                                                          sum_of_squares(plain%influence(:, o))))
+         square = sum_of_squares(plain%influence(:, o))
+         if (.not. square > 0.0_wp) cycle
+         factor = 1.0_wp/student_factor(effective_degrees(plain%influence(:, o), square))
          plain%stretch(:, o) = max(least_stretch, merge(factor, 1.0_wp, has_ends) &
                                    *[slope_between(sorted, rank - normal_95*scatter, rank), &
                                      slope_between(sorted, rank, rank + normal_95*scatter)]/slope)
