@@ -153,6 +153,11 @@ class Case:
         return self.data.attrs.get("kept_dofs", list(range(1, self.n_dof + 1)))
 
     @property
+    def keeps_all_dofs(self) -> bool:
+        """True if spectra and histories are those of every dof."""
+        return len(self.kept_dofs) == self.n_dof
+
+    @property
     def n_joints(self) -> int:
         """Joints: of a chain one for each oscillator."""
         return int(self.data.sizes.get("joint", 0))

@@ -213,7 +213,7 @@ def _along(results: Results, cases: list[Case]) -> Iterator[Figure]:
                 (partial(study_figures.plot_along, cases=own, quantity=quantity),),
             )  # fmt: skip
     spectra = [case for case in cases if case.n_dof > 1 and case.has_power("psd_mean")]
-    if spectra and not spectra[0].data["psd_mean"].isnull().any():
+    if spectra and spectra[0].keeps_all_dofs:
         case = max(spectra, key=lambda case: case.strength)
         yield Figure(
             "along_spectra", f"Spectra along the structure, {looks.level_name(case)}",
@@ -260,7 +260,7 @@ def of_responses(results: Results) -> Iterator[Figure]:
                 ),
                 height=2.6,
             )  # fmt: skip
-        if results.is_chain and len(case.kept_dofs) == case.n_dof:
+        if results.is_chain and case.keeps_all_dofs:
             yield from _transition(results.structure, case, name)
 
 
@@ -336,16 +336,16 @@ def _by_std(cases: list[Case]) -> Iterator[tuple[str, float, list[Case]]]:
 def _band_panels(cases: list[Case], forced: int | None) -> list[tuple[list[Case], int]]:
     """Cases and mass of each figure at the largest std.
 
-    The paper's: mass 1 at each variance, the last at all of them; or the forced mass at all, the
-    last that is kept where it is not.
+    The paper's: mass 1 at each variance, the last at all of them; or the forced mass at all. Where
+    their spectra are not kept, the first or last mass with spectra stands for them.
     """
     if not cases:
         return []
     std = max(case.std for case in cases)
     chosen = [case for case in cases if case.std == std]
+    kept = cases[0].kept_dofs
     if forced is not None:
-        kept = cases[0].kept_dofs
         return [(chosen, forced if forced in kept else kept[-1])]
     levels = sorted({case.strength for case in chosen})
-    panels = [([c for c in chosen if c.strength == level], 1) for level in levels]
-    return [*panels, (chosen, cases[0].n_dof)]
+    panels = [([c for c in chosen if c.strength == level], kept[0]) for level in levels]
+    return [*panels, (chosen, kept[-1])] if len(kept) > 1 else panels

@@ -120,7 +120,10 @@ def weak_peaks_of_slip(results: Results) -> Statement:
 
 def _cases_with_spectra(results: Results) -> tuple[dict[float, Case], NDArray[np.float64]]:
     """The two cases of Fig. 8 by variance, and the stuck frequencies [Hz]."""
-    cases = {case.variance: case for case in results.deterministic if case.has("psd")}
+    cases = {
+        case.variance: case
+        for case in results.deterministic if case.has("psd") and case.keeps_all_dofs
+    }  # fmt: skip
     if results.structure is None or set(cases) != set(LEVELS):
         raise NoEvidence("not the cases that the paper speaks of")
     return cases, results.structure["frequencies_stuck"].values

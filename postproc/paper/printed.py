@@ -15,6 +15,7 @@ ORDER_OF_FIG_4 = 6  # "L0 = 0.3 and L1 at most 1 leads to M = 6"
 PEAK_MEAN = "about 30"  # [%], of the scatter of the time in slip
 STDS = (0.067, 0.10)  # of the friction coefficients
 LENGTHS = (0.3, 1.0, 3.0)  # L0 of the friction coefficients
+PERCENTILES = (5.0, 95.0)  # of the spectra over samples [%]
 GIVEN = {  # Sec. 3: what the paper prescribes
     "mass [kg]": "1", "k1 [N/m]": "25", "k2 [N/m]": "50", "N [N]": "10",
     "friction coefficient, mean": "0.2", "modal damping, stuck": "0.005",

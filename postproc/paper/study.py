@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..results import Case, Results
 from .evidence import WIDTH
-from .printed import LENGTHS, LEVELS, STDS
+from .printed import LENGTHS, LEVELS, PERCENTILES, STDS
 
 Array = NDArray[np.float64]
 Key = tuple[float, float, float]  # std, correlation length, variance
@@ -87,9 +87,13 @@ class Study:
 
     @property
     def has_spectra(self) -> bool:
-        """True if the percentiles of the spectra are there."""
+        """True if the 5th and the 95th percentile of the spectra of all masses are there."""
         names = ("psd_percentiles", "pseudo_variance_percentiles", "band_ratio")
-        return all(case.has(*names) for case in self.cases.values())
+        return all(
+            case.has(*names) and case.keeps_all_dofs
+            and tuple(case.data["percentile"].values[[0, -1]]) == PERCENTILES
+            for case in self.cases.values()
+        )  # fmt: skip
 
     @property
     def has_certain_spectra(self) -> bool:
@@ -168,7 +172,11 @@ def paper_study(results: Results) -> Study | None:
         return None
     return Study(
         {key: found[key] for key in wanted},
-        {c.variance: c for c in results.deterministic if c.variance in LEVELS and c.has("psd")},
+        {
+            case.variance: case
+            for case in results.deterministic
+            if case.variance in LEVELS and case.has("psd") and case.keeps_all_dofs
+        },
         results.structure["frequencies_stuck"].values,
         results.structure["frequencies_slip"].values,
     )

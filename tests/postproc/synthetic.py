@@ -70,6 +70,7 @@ def sample_statistics(slip, psd):
     means = psd.sum(axis=1) * FREQUENCY[1]
     of_spectra = ("percentile", "frequency", "dof")
     return found | {
+        "percentile": ("percentile", 100 * share),
         "psd_percentiles": (of_spectra, curve),
         "psd_percentiles_low": (of_spectra, low),
         "psd_percentiles_high": (of_spectra, high),

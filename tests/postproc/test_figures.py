@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,14 @@ from entroslip.paper.printed import AXES
 from entroslip.process_tables import table_processes
 from entroslip.results import Results
 from entroslip.tables import make_tables
-from tests.postproc.synthetic import FREQUENCY, case_of, certain, process, results_of
+from tests.postproc.synthetic import (
+    FREQUENCY,
+    case_of,
+    certain,
+    friction_study,
+    process,
+    results_of,
+)  # fmt: skip
 
 
 @pytest.fixture
@@ -234,7 +242,6 @@ def test_bars_end_at_one_and_are_faint_where_they_are_many(axes, n_joints):
 def test_a_ratio_of_bands_that_is_not_known_leaves_the_axis_to_the_others(axes):
     """An interval up to 1e14 pressed all marks into one line."""
     case = case_of("c001", "p001", np.full((2, 3), 0.3), np.ones((2, FREQUENCY.size, 3)))
-    case.data["percentile"] = ("percentile", [5.0, 95.0])
     case.data["band_ratio"] = ("dof", [3.0, 20.0, np.nan])
     case.data["band_ratio_high"] = ("dof", [4.0, 1.0e14, np.nan])
     study_figures.plot_band_ratio(axes, [case])
@@ -248,6 +255,18 @@ def test_the_first_dofs_of_many_differ_in_colour(axes):
     study_figures.plot_spectra(axes, case, results_of([case]))
     colours = [line.get_color() for line in axes.lines[:3]]
     assert colours == [style.of_dof(dof, 5)["color"] for dof in (1, 2, 3)]
+
+
+@pytest.mark.parametrize(("kept", "shown"), [([2], "2 2"), ([2, 4], "2 2 4")])
+def test_bands_are_those_of_masses_with_spectra(kept, shown):
+    """The paper's first and last mass were drawn without spectra: the drawing failed."""
+    study = friction_study(n_samples=20)
+    for case in study.cases:
+        case.data.attrs["kept_dofs"] = kept
+        if case.n_samples > 1:
+            case.data["psd_mean"] = case.data["psd"].mean("sample")
+    titles = [figure.title for figure in make_figures([study]) if figure.name.startswith("fig_10")]
+    assert " ".join(re.search(r"(?:mass|dof) (\d)", title)[1] for title in titles) == shown
 
 
 @pytest.mark.parametrize("forced", [1, 2, 11, 15, 19, 20])
@@ -275,7 +294,6 @@ def drawn_with(*asked):
         for i, request in enumerate(asked)
     ]  # fmt: skip
     for case in cases:
-        case.data["percentile"] = ("percentile", [5.0, 95.0])
         case.data["psd_mean"] = case.data["psd"].mean("sample")
     return cases
 

@@ -227,6 +227,17 @@ def test_too_few_samples_or_cases_are_not_judged():
         deterministic_statements.order_of_joints(results_of([certain(LOW)]))
 
 
+def test_spectra_of_some_masses_or_other_percentiles_are_not_judged():
+    partial, other = friction_study(n_samples=20), friction_study(n_samples=20)
+    for case in partial.cases:
+        case.data.attrs["kept_dofs"] = [1, 3]
+    for case in other.random:
+        case.data["percentile"] = ("percentile", [1.0, 99.0])
+    of_slip = {"1a", "1b", "2a", "2b", "6a"}
+    assert {statement.number for statement in assess([partial])} == of_slip
+    assert {statement.number for statement in assess([other])} == of_slip | {"7a", "7b", "7c"}
+
+
 def test_a_claim_of_more_can_come_out_against():
     """Surely negligible or reversed; surely positive, yet negligible, is no confirmation."""
     assert all_hold([claim_larger("x", 0.2, 0.05, 0.1)]).verdict == YES
