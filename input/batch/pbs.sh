@@ -29,12 +29,19 @@ export OPENBLAS_NUM_THREADS=1 # else OpenBLAS starts threads that entroslip leav
 share=$SHARE # handed on by a member of an array that submits itself again
 if [ -n "$PBS_ARRAY_INDEX" ]; then share=--share; fi
 
+count_kept() { # processes and blocks of samples that are finished
+  find "$(readlink -f "$OUTPUT").shards" -name '*.h5' 2>/dev/null | wc -l
+}
+kept=$(count_kept)
+
 # shellcheck disable=SC2086   # words of options
 mpirun $MPIRUN_OPTIONS -n "$(wc -l <"$PBS_NODEFILE")" -machinefile "$PBS_NODEFILE" "$program" run \
   "$SCENE" --output "$OUTPUT" --set "campaign%walltime=$minutes" $share $OPTIONS
 code=$?
 
-if [ "$code" -eq 75 ]; then
+if [ "$code" -eq 75 ] && [ "$(count_kept)" -eq "$kept" ]; then
+  echo "not submitted again: this start finished no block of samples; give it more time"
+elif [ "$code" -eq 75 ]; then
   settings="SCENE=$SCENE,OUTPUT=$OUTPUT,MINUTES=$minutes"
   qsub -v "$settings,ENTROSLIP=$program,SCRIPT=$script,SHARE=$share,OPTIONS=$OPTIONS" "$script"
 fi

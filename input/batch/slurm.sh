@@ -11,7 +11,8 @@
 #SBATCH --job-name=entroslip
 #SBATCH --ntasks=32
 #SBATCH --time=04:00:00
-# To this script (B:), five minutes ahead; the program needs seconds, unless a process is being fitted:
+# To this script (B:), five minutes ahead; the program needs seconds, unless a process is being fitted.
+# A wall time of a few minutes needs a shorter lead: sbatch --time=00:05:00 --signal=B:USR1@30 ...
 #SBATCH --signal=B:USR1@300
 #SBATCH --requeue
 # One log over all starts:
@@ -34,6 +35,11 @@ ask_to_stop() {
 }
 trap ask_to_stop USR1 TERM
 
+count_kept() { # processes and blocks of samples that are finished
+  find "$(readlink -f "$output").shards" -name '*.h5' 2>/dev/null | wc -l
+}
+kept=$(count_kept)
+
 # shellcheck disable=SC2086   # words of options
 mpirun $MPIRUN_OPTIONS -n "$SLURM_NTASKS" "$program" run "$scene" --output "$output" "${share[@]}" "$@" &
 run=$!
@@ -43,8 +49,11 @@ done
 wait "$run"
 code=$?
 
-if [ "$code" -eq 75 ]; then
+if [ "$code" -eq 75 ] && [ "$(count_kept)" -eq "$kept" ]; then
+  echo "not back into the queue: this start finished no block of samples; give it more time"
+elif [ "$code" -eq 75 ]; then
   echo "back into the queue"
-  scontrol requeue "$SLURM_JOB_ID"
+  # SLURM_JOB_ID of one member is the number of the whole array
+  scontrol requeue "${SLURM_ARRAY_JOB_ID:-$SLURM_JOB_ID}${SLURM_ARRAY_TASK_ID:+_$SLURM_ARRAY_TASK_ID}"
 fi
 exit "$code"

@@ -15,7 +15,7 @@ import pytest
 from entroslip.bits import scene_bits
 from tests.conftest import ENVIRONMENT, ROOT
 from tests.program import slurm as slurm_on_this_machine
-from tests.program.campaign import SCENE, TOKEN, processes_of, shards_of
+from tests.program.campaign import SCENE, STOPPED, TOKEN, processes_of, shards_of
 
 BATCH = ROOT / "input/batch"
 OF_ONE_MACHINE = {"MPIRUN_OPTIONS": "--oversubscribe --bind-to none"}
@@ -97,17 +97,49 @@ def test_members_of_an_array_share_the_work(slurm, submit, reference, tmp_path):
     assert scene_bits(output) == reference
 
 
-def test_options_of_run_reach_the_program(tmp_path):
+@pytest.fixture
+def job(tmp_path):
+    """Runs the script under bash with an `mpirun` of one line and a `scontrol` that only tells."""
+
+    def run(mpirun: str, *options: str, **variables: str) -> subprocess.CompletedProcess[str]:
+        for name, line in {"mpirun": mpirun, "scontrol": 'echo "scontrol $@"'}.items():
+            (tmp_path / name).write_text(f"#!/bin/sh\n{line}\n")
+            (tmp_path / name).chmod(0o755)
+        return subprocess.run(
+            ["bash", BATCH / "slurm.sh", "scene.nml", "r.h5", *options], cwd=tmp_path,
+            capture_output=True, text=True, check=False,
+            env=os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "SLURM_NTASKS": "2"}
+            | variables,
+        )  # fmt: skip
+
+    return run
+
+
+def test_options_of_run_reach_the_program(job):
     """`slurm.sh SCENE OUTPUT --set ...`, to extend a campaign, left the option out."""
-    (tmp_path / "mpirun").write_text('#!/bin/sh\necho "$@"\n')
-    (tmp_path / "mpirun").chmod(0o755)
     extended = ["--set", "campaign%n_samples=600"]
-    done = subprocess.run(
-        ["bash", BATCH / "slurm.sh", "scene.nml", "r.h5", *extended],
-        capture_output=True, text=True, check=True,
-        env=os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "SLURM_NTASKS": "2"},
-    )  # fmt: skip
+    done = job('echo "$@"', *extended)
     assert done.stdout.split()[-4:] == ["--output", "r.h5", *extended]
+
+
+@pytest.mark.parametrize(
+    ("variables", "number"),
+    [({}, "7"), ({"SLURM_ARRAY_JOB_ID": "7", "SLURM_ARRAY_TASK_ID": "3"}, "7_3")],
+    ids=["alone", "member"],
+)
+def test_a_member_requeues_itself_alone(job, variables, number):
+    """The number of an array is SLURM_JOB_ID of one of its members: it requeued all others too."""
+    done = job("mkdir r.h5.shards; : >r.h5.shards/c.h5; exit 75", SLURM_JOB_ID="7", **variables)
+    assert done.returncode == STOPPED
+    assert f"scontrol requeue {number}\n" in done.stdout
+
+
+def test_a_job_too_short_for_a_block_of_samples_does_not_come_back(job):
+    """It went through the queue for ever."""
+    done = job("exit 75", SLURM_JOB_ID="7")
+    assert done.returncode == STOPPED
+    assert "scontrol" not in done.stdout
+    assert "more time" in done.stdout
 
 
 def is_rank(pid: int) -> bool:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import time
+from pathlib import Path
 
 import pytest
 
@@ -58,21 +60,38 @@ def wait_for(is_so, what: str) -> None:
         time.sleep(0.01)
 
 
-def test_a_job_submits_itself_until_the_campaign_is_done(pbs, program, output, reference):
-    """Two jobs of half a second are too short for the campaign; the third is long enough."""
-    jobs, codes = [order(program, minutes=0.008)], []
-    while jobs:
-        job = jobs.pop()
-        assert "MINUTES=0.008" in job[1]
-        enough = {"MINUTES": "10"} if len(codes) == 2 else {}
-        code, log = pbs.start(job, **enough).wait()
-        codes.append(code)
-        jobs = pbs.waiting()
-        assert len(jobs) == (1 if code == STOPPED else 0), log
-    assert codes[0] == STOPPED, "the limit was not met"
-    assert codes[-1] == 0, log
+def stand_in(pbs, line: str) -> Path:
+    """An `mpirun` of one line for the jobs to come."""
+    path = pbs.folder / "bin/mpirun"
+    path.write_text(f"#!/bin/sh\n{line}\n")
+    path.chmod(0o755)
+    return path
+
+
+def test_a_job_keeps_to_its_limit_and_the_next_one_goes_on(pbs, program, output, reference):
+    """Half a second is too short for the campaign, on a busy machine even for its process."""
+    job = order(program, minutes=0.008)
+    code, log = pbs.start(job).wait()
+    assert code == STOPPED, log
+    (again,) = pbs.waiting() or [job]
+    code, log = pbs.start(again, MINUTES="10").wait()
+    assert code == 0, log
     assert without_limit(scene_bits(output)) == reference
     assert OPTION in open_results(output).scene[1], "an option was lost"
+
+
+def test_a_job_too_short_for_a_block_of_samples_does_not_come_back(pbs, program):
+    """It went through the queue for ever."""
+    job = order(program, minutes=4)
+    stand_in(pbs, "mkdir r.h5.shards; : >r.h5.shards/c.h5; exit 75")
+    assert pbs.start(job).wait()[0] == STOPPED
+    (again,) = pbs.waiting()
+    assert again[1].startswith("SCENE=scene.nml,OUTPUT=r.h5,MINUTES=4,")
+    stand_in(pbs, "exit 75")
+    code, log = pbs.start(again).wait()
+    assert code == STOPPED
+    assert "more time" in log
+    assert not pbs.waiting()
 
 
 def test_a_job_ended_by_force_loses_nothing_and_does_not_come_back(
@@ -105,11 +124,12 @@ def test_members_of_an_array_share_and_one_more_job_merges(pbs, program, output,
 
 
 def test_a_member_that_runs_out_of_time_stays_a_member(pbs, program, output):
-    code, log = pbs.start(order(program, minutes=0.008), PBS_ARRAY_INDEX="1").wait()
-    assert code == STOPPED, log
-    again = pbs.waiting()
-    assert len(again) == 1
-    code, log = pbs.start(again[0], MINUTES="10").wait()
+    short = stand_in(pbs, "mkdir r.h5.shards; : >r.h5.shards/c.h5; exit 75")
+    assert pbs.start(order(program, minutes=10), PBS_ARRAY_INDEX="1").wait()[0] == STOPPED
+    (again,) = pbs.waiting()
+    short.unlink()
+    shutil.rmtree(f"{output}.shards")
+    code, log = pbs.start(again).wait()
     assert code == 0, log
     assert "run without --share" in log
     assert not output.exists()

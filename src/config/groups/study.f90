@@ -60,7 +60,7 @@ contains
          '600 samples) or over each case, or plain', in_fingerprint=.false., &
          choices='pooled regression plain'))
       call visitor%visit(self%walltime, entry_type('walltime', &
-         'stop between samples after this time; 0: no limit', 'min', not_negative, &
+         'stop after this time, without the blocks in flight; 0: no limit', 'min', not_negative, &
          in_fingerprint=.false.))
    end subroutine visit_campaign
 
