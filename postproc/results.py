@@ -260,19 +260,22 @@ class Results:
 
     @property
     def tree(self) -> xr.DataTree:
-        """All groups under the names that they have in the file, but audits under /audit.
+        """All groups of the file under their names, but audits under /audit.
 
         A branch of a DataTree must share the axes of its stem, and an audit has fewer samples.
         """
-        groups = {f"/process/{name}": data for name, data in self.processes.items()}
-        groups |= {f"/campaign/{case.name}": case.data for case in self.cases}
+        groups = {f"process/{name}": data for name, data in self.processes.items()}
+        groups |= {f"campaign/{case.name}": case.data for case in self.cases}
         groups |= {
-            f"/audit/{case.name}": case.audit for case in self.cases if case.audit is not None
+            f"audit/{case.name}": case.audit for case in self.cases if case.audit is not None
         }
+        with h5py.File(self.path) as file:
+            rest: list[str] = []
+            file.visit(lambda name: rest.append(name) if isinstance(file[name], h5py.Group) else None)
         groups |= {
-            f"/{name}": data
-            for name, data in (("structure", self.structure), ("tradeoff", self.tradeoff))
-            if data is not None
+            name: open_group(self.path, name)
+            for name in rest
+            if name not in groups and not name.endswith("/audit")
         }
         tree = xr.DataTree.from_dict(groups, name=self.stem)
         tree.attrs.update(self.attrs)

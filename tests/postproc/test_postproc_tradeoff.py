@@ -20,6 +20,14 @@ def tradeoff_file(results_of_scene):
     return results_of_scene(SMALL_SCENE, "tradeoff", *FEW_STEPS)
 
 
+def test_the_tree_is_the_whole_file(tradeoff_file):
+    """It lacked the groups within /tradeoff and within cases."""
+    named: list[str] = []
+    with h5py.File(tradeoff_file) as file:
+        file.visit(lambda name: named.append(f"/{name}") if "units" not in file[name].attrs else None)
+    assert set(open_results(tradeoff_file).tree.groups) == {"/", *named}
+
+
 def test_a_tradeoff_is_drawn(tradeoff_file):
     folder = tradeoff_file.parent / "drawn"
     assert main([str(tradeoff_file), "--out", str(folder)]) == 0
