@@ -271,7 +271,9 @@ class Results:
         }
         with h5py.File(self.path) as file:
             rest: list[str] = []
-            file.visit(lambda name: rest.append(name) if isinstance(file[name], h5py.Group) else None)
+            file.visit(
+                lambda name: rest.append(name) if isinstance(file[name], h5py.Group) else None
+            )
         groups |= {
             name: open_group(self.path, name)
             for name in rest

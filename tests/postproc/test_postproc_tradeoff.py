@@ -24,7 +24,9 @@ def test_the_tree_is_the_whole_file(tradeoff_file):
     """It lacked the groups within /tradeoff and within cases."""
     named: list[str] = []
     with h5py.File(tradeoff_file) as file:
-        file.visit(lambda name: named.append(f"/{name}") if "units" not in file[name].attrs else None)
+        file.visit(
+            lambda name: named.append(f"/{name}") if "units" not in file[name].attrs else None
+        )
     assert set(open_results(tradeoff_file).tree.groups) == {"/", *named}
 
 
