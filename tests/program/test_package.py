@@ -214,6 +214,18 @@ def test_an_instruction_set_that_the_compiler_lacks_is_named(tmp_path):
     assert "ENTROSLIP_ARCH = none: must be a value of -march=" in done.stderr
 
 
+def test_a_missing_nlopt_is_named_with_the_way_without_tests(tmp_path):
+    """As a script, that finds no library."""
+    script = tmp_path / "tests.cmake"
+    script.write_text(
+        "set(CMAKE_FIND_LIBRARY_SUFFIXES .none)\nfunction(add_floor_tests)\nendfunction()\n"
+        f"include({ROOT}/tests/process/CMakeLists.txt)\n"
+    )
+    done = subprocess.run(["cmake", "-P", script], capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "-DBUILD_TESTING=OFF" in done.stderr
+
+
 @pytest.mark.skipif(not (ROOT / ".git").exists(), reason="no clone of the repository")
 def test_the_commit_is_known_where_another_user_owns_the_source(tmp_path):
     """Git refuses such a folder, so results named no commit."""
