@@ -35,18 +35,20 @@ def make_figures(files: Sequence[Results]) -> list[Figure]:
     """Figures of every file, in the paper's order.
 
     A later one of the same name gets the file's. Of several files, titles say which it is, except
-    those of the paper's own figures.
+    those of the paper's own figures and of the only tradeoff.
     """
     found: dict[str, Figure] = {}
+    n_tradeoffs = sum(results.tradeoff is not None for results in files)
     for results in files:
         is_paper = is_paper_study(results)
+        is_known = is_paper or (results.tradeoff is not None and n_tradeoffs == 1)
         of_tradeoff = tradeoff.figures_of(results, _processes_of_scene(results, files))
         for figure in chain(*(source(results) for source in SOURCES), of_tradeoff):
             twin = found.get(figure.name)
             if twin is not None and twin.section == _CHAIN and twin.caption == figure.caption:
                 continue  # the same drawing
             kept = figure if is_paper else figure.outside_the_paper()
-            if twin is not None or (len(files) > 1 and not is_paper):
+            if twin is not None or (len(files) > 1 and not is_known):
                 kept = kept.of_file(results.stem, twin is not None)
             found[kept.name] = kept
     return sorted(found.values(), key=_place)

@@ -10,6 +10,7 @@ import pytest
 
 from entroslip import open_results, tradeoff
 from entroslip.__main__ import main
+from entroslip.figures.gallery import make_figures
 from tests.conftest import SMALL_SCENE
 
 FEW_STEPS = ("--set", "integration%n_steps=1500", "--set", "output%segment_length=256")
@@ -28,6 +29,13 @@ def test_the_tree_is_the_whole_file(tradeoff_file):
             lambda name: named.append(f"/{name}") if "units" not in file[name].attrs else None
         )
     assert set(open_results(tradeoff_file).tree.groups) == {"/", *named}
+
+
+def test_the_only_tradeoff_has_no_file_in_its_titles(tradeoff_file, results_file):
+    files = [open_results(results_file), open_results(tradeoff_file)]
+    title = "Error and cost of the settings"
+    assert title in [figure.title for figure in make_figures(files)]
+    assert title not in [figure.title for figure in make_figures([*files, files[-1]])]
 
 
 def test_a_tradeoff_is_drawn(tradeoff_file):
