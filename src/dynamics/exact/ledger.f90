@@ -41,7 +41,8 @@ contains
 
    !> Ledger of a series, with as many nodes n as integrate the dampers' power to 0.001 of the
    !> tolerance: power changes at 2 rho, twice the fastest rate, and the error of n nodes is
-   !> (n!)^4/((2n + 1) (2n)!^3) times the derivative of order 2n.
+   !> (n!)^4/((2n + 1) (2n)!^3) times the derivative of order 2n. A force that rises from rest makes
+   !> x_2 and x_3, whose power has the degree 4 at any rate: 3 nodes at least.
    pure function new_ledger(series, structure, tolerance) result(ledger)
       type(series_type), intent(in) :: series
       type(structure_type), intent(in) :: structure
@@ -51,7 +52,7 @@ contains
       real(wp), allocatable :: damping(:, :)   ! twice M C^/h^2 = C/h
       integer :: j, n
 
-      do n = 2, most_nodes - 1
+      do n = 3, most_nodes - 1
          if ((2.0_wp*series%rate)**(2*n)*gamma(n + 1.0_wp)**4 <= &
              1.0e-3_wp*tolerance*(2*n + 1)*gamma(2*n + 1.0_wp)**3) exit
       end do
