@@ -83,18 +83,13 @@ contains
    pure subroutine find_joint_properties(structure, joints)
       type(structure_type), intent(in) :: structure
       type(joint_properties), intent(out) :: joints
-      real(wp) :: pushed(structure%n_dof)   ! M^-1 w
-      integer :: j
+      real(wp), allocatable :: pushed(:, :)   ! M^-1 W
 
       joints%gain = matmul(transpose(structure%direction), structure%modes_stuck)
       joints%compliance = compliances(structure%joint_stiffness, joints%gain, &
                                       structure%frequencies_stuck, 0)
-      allocate (joints%decay(structure%n_joints))
-      do j = 1, structure%n_joints
-         pushed = matmul(structure%modes_stuck, joints%gain(j, :))
-         joints%decay(j) = dot_product(pushed, matmul(structure%damping, pushed)) &
-                           /sum(joints%gain(j, :)**2)
-      end do
+      pushed = matmul(structure%modes_stuck, transpose(joints%gain))
+      joints%decay = sum(pushed*matmul(structure%damping, pushed), 1)/sum(joints%gain**2, 2)
    end subroutine find_joint_properties
 
    !> sigma (joint) of (M7): velocity to which the errors of a path add up while the joint slides
