@@ -95,22 +95,19 @@ contains
    end function with_own_records
 
    !> Standard error with n samples instead of n_now.
-   elemental real(wp) function error_with(n, n_now, now, ratio, own, n_cases, n_alone) &
+   elemental real(wp) function error_with(n, n_now, n_fitted, now, ratio, own, n_cases) &
       result(error)
       real(wp), intent(in) :: n, n_now
+      real(wp), intent(in) :: n_fitted !! samples of the regression with the error `now`
       real(wp), intent(in) :: now      !! standard error with n_now samples
       real(wp), intent(in) :: ratio    !! standard error of plain sampling over it
       real(wp), intent(in) :: own      !! as in slip_error; 0 under one record of all samples
       integer, intent(in) :: n_cases   !! as in slip_error
-      !> samples of the regression, if those of the other cases have no part in `now`
-      real(wp), intent(in), optional :: n_alone
       real(wp) :: law, records, shrink   ! variances of now**2: points of the law, own records
 
       error = ratio*now*sqrt(n_now/n)
       if (n_cases == 0 .or. n < fewest_samples .or. ratio <= 1.0_wp) return
-      shrink = fitted_samples(n_now, n_cases)
-      if (present(n_alone)) shrink = n_alone
-      shrink = shrink/fitted_samples(n, n_cases)
+      shrink = n_fitted/fitted_samples(n, n_cases)
       records = min(own**2/n_now, now**2)
       law = min((law_share*ratio*now)**2*n_now, now**2 - records)
       error = min(error, sqrt(law + records*shrink + (now**2 - records - law)*shrink**2))
@@ -155,8 +152,10 @@ contains
       pure logical function suffices(n)
          integer(long), intent(in) :: n
 
-         suffices = all(error_with(real(n, wp), real(error%n_samples, wp), error%samples, &
-                                   error%ratio, merge(error%own, 0.0_wp, error%has_own_records), &
+         suffices = all(error_with(real(n, wp), real(error%n_samples, wp), &
+                                   fitted_samples(real(error%n_samples, wp), error%n_cases), &
+                                   error%samples, error%ratio, &
+                                   merge(error%own, 0.0_wp, error%has_own_records), &
                                    error%n_cases) <= allowed)
       end function suffices
 

@@ -189,7 +189,7 @@ contains
             associate (n_cases => tradeoff%n_cases(tradeoff%cases(tradeoff%tasks(i)%row)))
                w = tradeoff%results(i)%n_samples
                call mean_slip_errors(tradeoff%results(i), errors%noise, now, ratio)
-               error%samples = [error%samples, error_with(n, w, now, ratio, 0.0_wp, n_cases, w)]
+               error%samples = [error%samples, error_with(n, w, w, now, ratio, 0.0_wp, n_cases)]
                error%ratio = [error%ratio, now*ratio*sqrt(w/n)]   ! plain sampling's error
             end associate
          end do
@@ -266,11 +266,11 @@ contains
                        n_now => real(found%n_samples, wp), n_cases => tradeoff%n_cases(number), &
                        gain => found%gain(:, slip_std:))
                error(slip) = max(error(slip), &
-                                 maxval(error_with(n, n_now, now, ratio, 0.0_wp, n_cases, n_now)))
+                                 maxval(error_with(n, n_now, n_now, now, ratio, 0.0_wp, n_cases)))
                error(slip_std:) = max(error(slip_std:), &
-                                      maxval(error_with(n, n_now, &
+                                      maxval(error_with(n, n_now, n_now, &
                                                         found%plain_error(:, slip_std:)/gain, &
-                                                        gain, 0.0_wp, n_cases, n_now), 1))
+                                                        gain, 0.0_wp, n_cases), 1))
             end associate
          end associate
       end do
