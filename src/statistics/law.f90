@@ -3,8 +3,9 @@
 !>
 !> Some of the draws are kept, with the means over all draws of polynomials of the inputs: to the
 !> third degree and, for up to 12 inputs, products of two. The kept draws are sorted along one
-!> direction and, in blocks, along a second one; of them M evenly spaced ones are the points. With Q
-!> (point, polynomial), which combines the polynomials such that Q'Q = 1, the weights
+!> direction and, in blocks, along a second one; of them M evenly spaced ones are the points, from a
+!> start that differs between blocks. With Q (point, polynomial), which combines the polynomials
+!> such that Q'Q = 1, the weights
 !>    w = 1/M + Q (mean of Q over all draws - mean of Q over the points)
 !> give the polynomials their means over all draws.
 module statistics_law
@@ -19,6 +20,9 @@ module statistics_law
    integer, parameter, public :: most_kept_draws = 2**15   !! draws that are kept
    integer, parameter, public :: n_points = 4096     !! points of a law
    integer, parameter :: points_per_block = 16
+   !> part of a stride by which the points of a block begin later than those of the block before:
+   !> the middles of 16 parts of a block would lack its ends
+   real(wp), parameter :: golden_section = 0.5_wp*(sqrt(5.0_wp) - 1.0_wp)
    integer, parameter :: n_direction_steps = 8   !! steps of a component, 0 to the largest one
    !> least eigenvalue of the polynomials' products that counts, over the largest: inputs may depend
    !> on each other
@@ -78,9 +82,10 @@ contains
       type(law_type), intent(out) :: law
       type(error_type), allocatable, intent(out) :: error
       integer, allocatable :: ranking(:)
+      real(wp) :: place(min(n_points, size(draws%x, 1)))   ! (point) in steps between points
       integer :: first, k, last, m, n, n_blocks
 
-      n = min(n_points, size(draws%x, 1))
+      n = size(place)
       ranking = rough_order(positions_along(draws%x, direction(:, 1)))
       n_blocks = max(1, n/points_per_block)
       last = 0
@@ -91,9 +96,11 @@ contains
             block = block(rough_order((-1)**k*positions_along(draws%x(block, :), direction(:, 2))))
          end associate
       end do
-      associate (stride => real(size(draws%x, 1), wp)/n)
-         ranking = ranking([(1 + int((m - 0.5_wp)*stride), m=1, n)])
-      end associate
+      do m = 1, n   ! blocks run up and down, and so do their starts
+         k = (m - 1)/points_per_block
+         place(m) = m - 1 + modulo((-1)**k*k*golden_section, 1.0_wp)
+      end do
+      ranking = ranking(1 + int(place*size(ranking)/n))
       law%x = draws%x(ranking, :)
       law%n_all = draws%n_all
       law%n_independent = draws%n_independent
