@@ -4,6 +4,7 @@ module statistics_blend
    use core_kinds, only: wp
    use statistics_estimates, only: estimates_type, stated_error
    use statistics_influences, only: case_law_type
+   use statistics_law, only: error_of_points
    implicit none(type, external)
    private
    public :: blend, combine, state_error
@@ -13,15 +14,18 @@ contains
    !> Blends the estimates of a regression with those of plain sampling and states their errors.
    !> A law without samples has the estimates of the regression alone, or the value that all samples
    !> of the pool have.
-   pure subroutine combine(law, point_error, fitted, plain, least_share, blended)
+   subroutine combine(law, averaged, fitted, plain, least_share, blended)
       type(case_law_type), intent(in) :: law
-      real(wp), intent(in) :: point_error(:)         !! (output) error of `fitted` by the points
+      !> (point, output) function whose mean over the law is `fitted`, for its error by the points
+      real(wp), intent(in), contiguous :: averaged(:, :)
       type(estimates_type), intent(in) :: fitted     !! estimates of the regression
       type(estimates_type), intent(inout) :: plain   !! returned with influences times tail factors
       real(wp), intent(in) :: least_share(:)         !! (output) least weight of plain sampling
       type(estimates_type), intent(out) :: blended
+      real(wp) :: point_error(size(least_share))
       integer :: o
 
+      call error_of_points(law, averaged, point_error)
       if (law%has_samples) then
          call blend(fitted, plain, law%first, law%last, least_share, blended)
       else

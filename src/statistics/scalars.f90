@@ -11,7 +11,6 @@ module statistics_scalars
    use statistics_influences, only: case_law_type, extrapolation_of, prepare_law, &
                                     prepare_thin_points
    use statistics_kernel_choice, only: choose_kernel
-   use statistics_law, only: error_of_points
    use statistics_pool, only: over_all_samples, pool_type, least_plain_share
    use statistics_regression, only: law_deviation, law_mean, law_percentiles
    use statistics_sensitivity, only: find_sensitivity
@@ -77,7 +76,6 @@ contains
          type(statistic_type), intent(inout) :: best(:, :)   !! (number, statistic)
          type(estimates_type) :: fitted, sampled, blended
          real(wp) :: values(size(law%weight), n_numbers)
-         real(wp) :: point_error(n_numbers)
          real(wp) :: m(n_numbers)   ! upper end of the interval of a fraction's mean, at most 1/2
          integer :: i
 
@@ -87,8 +85,7 @@ contains
             call law_mean(surrogate, fit, law, values, fitted)
             sampled = over_all_samples(pool, case_number, plain_mean(own), &
                                        plain(:, 1, case_number)%value)
-            call error_of_points(law, values, point_error)
-            call combine(law, point_error, fitted, sampled, &
+            call combine(law, values, fitted, sampled, &
                          [(0.0_wp, i=1, n_numbers)], blended)
             best(:, 1) = nonnegative_statistic(blended%value, blended%error, blended%ratio)
             where (is_fraction) best(:, 1)%value = min(1.0_wp, best(:, 1)%value)
@@ -107,8 +104,7 @@ contains
                values(:, i) = (values(:, i) - dot_product(law%weight, values(:, i)))**2 &
                               /(2.0_wp*fitted%value(i))
             end do
-            call error_of_points(law, values, point_error)
-            call combine(law, point_error, fitted, sampled, &
+            call combine(law, values, fitted, sampled, &
                          least_plain_share(residual, own), blended)
             best(:, last) = nonnegative_statistic(blended%value, blended%error, blended%ratio)
             m = max(0.0_wp, min(best(:, 1)%value + normal_95*best(:, 1)%error, 0.5_wp))
@@ -124,7 +120,7 @@ contains
          type(statistic_type), intent(inout) :: best(:, :)   !! (number, statistic)
          type(estimates_type) :: fitted(size(share_below)), sampled, blended
          real(wp), dimension(size(law%weight), n_numbers) :: point_influence, values
-         real(wp), dimension(n_numbers) :: least_share, point_error
+         real(wp) :: least_share(n_numbers)
          real(wp) :: ends(2)
          integer :: i, p
 
@@ -145,8 +141,7 @@ contains
                   point_influence(:, i) = merge(-fitted(p)%inverse_density(i), 0.0_wp, &
                                                 values(:, i) <= fitted(p)%value(i))
                end do
-               call error_of_points(law, point_influence, point_error)
-               call combine(law, point_error, fitted(p), sampled, least_share, blended)
+               call combine(law, point_influence, fitted(p), sampled, least_share, blended)
                do i = 1, n_numbers
                   ends = blended%error(i)*blended%stretch(:, i)
                   if (share_below(p) > 0.5_wp) ends(2) = upward_error(blended%value(i), ends(2))

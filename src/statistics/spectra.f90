@@ -160,7 +160,6 @@ contains
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: point_influence(:)       !! on the integral
          type(estimates_type) :: fitted, sampled, blended
-         real(wp) :: point_error(size(best))
          integer :: first, last, n, o
 
          n = size(best)
@@ -178,8 +177,7 @@ contains
             end do
             call law_mean_of_exponential(surrogate, fits(k), law, averaged(:, :n), own, fitted)
          end associate
-         call error_of_points(law, averaged(:, :n), point_error)
-         call combine(law, point_error, fitted, sampled, [(0.0_wp, o=1, n)], blended)
+         call combine(law, averaged(:, :n), fitted, sampled, [(0.0_wp, o=1, n)], blended)
          do o = 1, n
             point_influence = point_influence + (step*(1.0_wp - blended%share(o)))*averaged(:, o)
          end do
@@ -199,7 +197,6 @@ contains
          type(integral_type), intent(inout) :: integral
          real(wp), intent(inout) :: point_influence(:)       !! on the integral
          type(estimates_type) :: sampled, blended
-         real(wp) :: point_error(size(best))
          integer :: first, last, n, o
 
          n = size(best)
@@ -214,8 +211,7 @@ contains
                averaged(:, o) = merge(-fitted%inverse_density(o), 0.0_wp, &
                                       values(:, o) <= fitted%value(o))
             end do
-            call error_of_points(law, averaged(:, :n), point_error)
-            call combine(law, point_error, fitted, sampled, &
+            call combine(law, averaged(:, :n), fitted, sampled, &
                          least_plain_share(residual, own), blended)
          end associate
          best%value = exp(blended%value)
