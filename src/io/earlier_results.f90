@@ -103,7 +103,8 @@ contains
       if (is_readable(path)) error%message = path//': cannot be read as results of entroslip run'
    end subroutine read_campaign
 
-   !> Reads cases, joints, dofs and percentiles, and the frequencies of the spectra.
+   !> Reads cases, joints, dofs and percentiles, and the frequencies of the spectra if all samples
+   !> with drawn friction have theirs.
    subroutine read_plan(group, plan, frequency)
       type(hdf5_group), intent(inout) :: group   !! of an open file; its path is changed
       type(plan_type), intent(inout) :: plan
@@ -122,6 +123,7 @@ contains
       plan%structure%n_points = maxval(plan%structure%friction_point)
       plan%structure%n_joints = size(points)
       plan%structure%n_dof = size(dofs)
+      plan%output%spectrum = .true.
       do
          group%path = case_group(size(plan%cases) + 1, huge(1))
          if (.not. group%file%has(group%path)) exit
@@ -130,6 +132,7 @@ contains
          if (allocated(group%error)) return
          case%process = 0
          if (process /= 'none') read (process(2:), *) case%process
+         if (case%process > 0) plan%output%spectrum = plan%output%spectrum .and. group%has('psd')
          do i = 1, size(strengths)
             if (group%has_attribute(trim(strengths(i)))) exit
          end do
@@ -141,7 +144,7 @@ contains
       call group%get('percentile', plan%output%percentiles)
       call group%get('kept_dof', kept)
       if (allocated(kept)) plan%output%dofs = nint(kept)
-      plan%output%spectrum = group%has('psd')
+      plan%output%spectrum = plan%output%spectrum .and. group%has('frequency')
       if (.not. plan%output%spectrum) return
       deallocate (frequency)
       call group%get('frequency', frequency)

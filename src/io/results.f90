@@ -280,10 +280,10 @@ contains
          call group%put_axis('force_number', n_forces, 'force, a column of the load')
          axes = 'force_number '//axes
       end if
-      if (n_records > 1) axes = 'sample '//axes
+      if (plan%excitation%per_sample) axes = 'sample '//axes
       call group%put('force', force, unit, 'force', axes, &
                      extents=pack([size(force, 1), n_forces, n_records], &
-                                  [.true., n_forces > 1, n_records > 1]))
+                                  [.true., n_forces > 1, plan%excitation%per_sample]))
    end subroutine write_history_axes
 
    !> Closes the file, reads it back, and renames it to the output, which until then is missing or

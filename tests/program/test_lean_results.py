@@ -57,6 +57,14 @@ def test_a_sample_of_them_is_replayed_with_its_spectrum(lean, entroslip, tmp_pat
         assert (odd["campaign/c002/slip_fraction"][0] == slip).all()
 
 
+def test_another_law_is_estimated_without_spectra(lean, entroslip):
+    """The deterministic case has its spectrum, but those of the samples were sought, too."""
+    done = entroslip("whatif", "lean.h5", "--set", "process%std=0.05")
+    assert done.returncode == 0, done.stderr
+    assert "dissipation" in done.stdout
+    assert "band ratio" not in done.stdout
+
+
 def test_check_says_so(entroslip, tmp_path):
     (tmp_path / "lean.nml").write_text(SCENE.format(".false."))
     said = " ".join(entroslip("check", "lean.nml").stdout.split())

@@ -59,6 +59,7 @@ def test_sampling_goes_on_until_the_target_is_met(entroslip, scene, tmp_path):
     with h5py.File(tmp_path / "a.h5") as file, h5py.File(tmp_path / "one.h5") as replay:
         last, same = (f["campaign/c003/slip_starts"][-1] for f in (file, replay))
         assert last.tobytes() == same.tobytes()
+        assert replay["campaign/c003/force"].shape == (1, 10001), "each sample has a record"
 
     some = entroslip("run", scene, "--output", "b.h5", "--set", "accuracy%sample_until_met=.false.")
     assert some.returncode == 4
