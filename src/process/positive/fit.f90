@@ -37,54 +37,55 @@ contains
 
    !> Solves the request, whose length is not zero, and sets `model%is_solved`; `model%reason` says
    !> why there is no solution.
-   recursive subroutine fit_positive(request, seed, model)
+   subroutine fit_positive(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(process_model_type), intent(out) :: model
       type(error_type), allocatable :: error
 
       call fit_far_from_zero(request, model)
-      if (.not. model%is_solved) call fit_near_zero(request, seed, model, error)
+      if (.not. model%is_solved) then
+         call fit_near_zero(request, seed, model, error)
+         if (allocated(error)) call name_lower_order(request, seed, error)
+         if (.not. allocated(error)) call compare_other_law(request, seed, model)
+      end if
       model%is_solved = .not. allocated(error)
       if (allocated(error)) model%reason = error%message
    end subroutine fit_positive
 
    !> Solves the request by quadrature or on simulated values.
-   recursive subroutine fit_near_zero(request, seed, model, error)
+   subroutine fit_near_zero(request, seed, model, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
-      type(process_model_type), intent(inout) :: model
+      type(process_model_type), intent(out) :: model
       type(error_type), allocatable, intent(out) :: error
       type(first_order_law) :: first_order
 
+      model%request = request
       if (is_first_order(request)) then
          call match_first_order(request, first_order, error)
          if (.not. allocated(error)) call describe_first_order(request, first_order, model, error)
       else
          call fit_sampled(request, seed, model, error)
       end if
-      if (allocated(error)) then
-         call name_lower_order(request, seed, error)
-         return
-      end if
-      call compare_other_law(request, seed, model)
    end subroutine fit_near_zero
 
    !> Adds to a refusal that a lower order, which this order contains, has such a process: order 1,
    !> solved by quadrature, or of both lengths order 2, which they leave nothing to search.
-   recursive subroutine name_lower_order(request, seed, error)
+   subroutine name_lower_order(request, seed, error)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(error_type), intent(inout) :: error
       type(process_request) :: lower
       type(process_model_type) :: other
+      type(error_type), allocatable :: failure
 
       lower = request
       lower%order = merge(2, 1, request%correlation == 'both')
       if (request%method == 'direct' .or. request%order <= lower%order) return
-      call fit_positive(lower, seed, other)
-      if (other%is_solved) error%message = error%message//'; order = '//to_text(lower%order)// &
-                                           ' has such a process'
+      call fit_near_zero(lower, seed, other, failure)
+      if (.not. allocated(failure)) error%message = error%message//'; order = '// &
+                                                    to_text(lower%order)//' has such a process'
    end subroutine name_lower_order
 
    !> Solves the request on simulated values: on the branch of the unconstrained process and, where
@@ -101,7 +102,7 @@ contains
       ! largest effort of the second branch over that of the first, if that has a solution: of the
       ! five alternating processes seen with more entropy none took more than 1
       real(wp), parameter :: others = 4.0_wp
-      real(wp) :: unused
+      real(wp) :: unused(2)
 
       other = model
       if (request%method == 'direct') then
@@ -200,7 +201,7 @@ contains
       type(process_request) :: one
       type(error_type), allocatable :: refusal
       real(wp), parameter :: near = 0.85_wp   ! std/mean over the limit of order 1
-      real(wp) :: limit, unused
+      real(wp) :: limit, unused(2)
       real(wp), allocatable :: state(:)
       logical :: has_first_order, has_others, is_inside
 
@@ -208,6 +209,7 @@ contains
       if (model%is_solved) return
       if (is_first_order(request)) then
          call fit_near_zero(request, seed, model, error)
+         if (.not. allocated(error)) call compare_other_law(request, seed, model)
          return
       end if
       one = request
@@ -274,13 +276,14 @@ contains
 
    !> Fits the process with K(m) >= 0 under the other law if K(m) alternates; keeps its entropy if
    !> that is larger.
-   recursive subroutine compare_other_law(request, seed, model)
+   subroutine compare_other_law(request, seed, model)
       type(process_request), intent(in) :: request
       integer(long), intent(in) :: seed
       type(process_model_type), intent(inout) :: model
       integer, parameter :: rough_steps = 256
       type(process_request) :: other_request
       type(process_model_type) :: other
+      type(error_type), allocatable :: failure
 
       if (.not. allocated(model%branch) .or. request%std >= request%mean) return
       if (model%branch /= 'alternating') return
@@ -288,8 +291,8 @@ contains
       other_request%sampler = merge('exact     ', 'sequential', request%sampler == 'sequential')
       other_request%branch = 'nonnegative'
       other_request%fit_steps = rough_steps
-      call fit_positive(other_request, seed, other)
-      if (other%is_solved .and. other%entropy > model%entropy) &
+      call fit_near_zero(other_request, seed, other, failure)
+      if (.not. allocated(failure) .and. other%entropy > model%entropy) &
          model%nonnegative_entropy = other%entropy
    end subroutine compare_other_law
 

@@ -6,7 +6,8 @@ module process_positive_problem
    use core_random, only: stream_type
    use core_text, only: to_text
    use process_autoregressive_description, only: describe_ar
-   use process_autoregressive_fit, only: nonnegative_reflection
+   use process_autoregressive_fit, only: equal_reflection, nonnegative_reflection, &
+                                         optimal_reflection
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, innovation_std, &
                                            reflection_of
    use process_autoregressive_spectral_factor, only: symbol_of_process
@@ -32,6 +33,7 @@ module process_positive_problem
       real(wp), allocatable :: autocovariance(:)     !! (0:n_lags) autocovariance of the companion
       real(wp), allocatable :: symbol(:)             !! (m_max) direct method: its G_m/G_0
       real(wp) :: l0 = 0.0_wp                        !! L0 of the companion [lags]
+      real(wp) :: l1 = 0.0_wp                        !! both lengths: L1 of the companion [lags]
       !> companion's sums of |rho(m)| and of m |rho(m)| beyond n_lags
       real(wp) :: tail_l0 = 0.0_wp, tail_moment = 0.0_wp
       integer :: n_lags = 0                          !! last lag that is simulated
@@ -42,8 +44,7 @@ module process_positive_problem
 contains
 
    !> Makes the problem of a request. Fails if the unconstrained process does, and if more lags
-   !> count than a search can carry in a minute or two. The companion of both lengths is that of the
-   !> highest order that has both with K(m) >= 0, if there is one.
+   !> count than a search can carry in a minute or two.
    subroutine new_problem(request, stream, problem, error, decay, sequence)
       type(process_request), intent(in) :: request
       type(stream_type), intent(in) :: stream
@@ -61,24 +62,19 @@ contains
 
       problem%request = request
       problem%is_exact = request%sampler == 'exact'
-      allocate (kappa(0))
-      if (request%correlation == 'both') kappa = nonnegative_reflection(request)
+      problem%name = positive_name(request)
       if (present(sequence)) then
          call describe_ar(sequence%a, 1.0_wp, unconstrained, error)
-      else if (size(kappa) > 0) then
-         call describe_ar(coefficients_of(kappa), 1.0_wp, unconstrained, error)
+      else if (request%correlation == 'both') then
+         call match_both_lengths(request, problem%l1, unconstrained, error)
       else
          call fit_unconstrained(request, unconstrained, error)
-         if (request%correlation == 'both' .and. request%branch == 'nonnegative' .and. &
-             .not. allocated(error)) call raise(error, exit_no_solution, positive_name(request)// &
-                              ': no order up to this one has both lengths with K(m) >= 0')
       end if
       if (allocated(error)) return
       kappa = reflection_of(unconstrained%a)
       call sum_correlation(kappa, sums, error)
       if (allocated(error)) return
       kappa = [kappa, spread(0.0_wp, 1, request%order - size(kappa))]
-      problem%name = positive_name(request)
       problem%ratio = request%std/request%mean
       problem%l0 = sums%l0
       problem%stream = stream
@@ -109,6 +105,31 @@ contains
       allocate (problem%autocovariance(0:problem%n_lags))
       problem%autocovariance(:) = rho/innovation_std(kappa, 1.0_wp)**2
    end subroutine new_problem
+
+   !> Finds the companion of both lengths: the process of the highest order that has both with
+   !> K(m) >= 0, else that of this L0 alone. Fails if the request is invalid or no process has both.
+   subroutine match_both_lengths(request, l1, companion, error)
+      type(process_request), intent(in) :: request
+      real(wp), intent(out) :: l1   !! of the companion [lags]
+      type(process_model_type), intent(out) :: companion
+      type(error_type), allocatable, intent(out) :: error
+      real(wp), allocatable :: kappa(:)
+
+      associate (l0 => request%correlation_length)
+         l1 = request%second_length
+         call optimal_reflection(request, kappa, error)
+         if (allocated(error)) return
+         if (l1*(1.0_wp + l0) < l0) then
+            call raise(error, exit_no_solution, positive_name(request)// &
+                       ': every process has L1 >= L0/(1 + L0)')
+            return
+         end if
+         kappa = nonnegative_reflection(request)
+         if (size(kappa) == 0) kappa = equal_reflection(l0, request%order)
+         call describe_ar(coefficients_of(kappa), 1.0_wp, companion, error)
+         if (abs(companion%l1 - l1) > 1.0e-6_wp*l1) l1 = companion%l1
+      end associate
+   end subroutine match_both_lengths
 
    !> True if more lags count than a law is simulated with; sweeps of the exact one grow as L0^2.
    pure logical function is_out_of_reach(problem)

@@ -45,7 +45,7 @@ contains
       integer, parameter :: most_halvings = 3
       real(wp), parameter :: steepest = 0.9_wp   ! largest std/mean of a start
       type(error_type), allocatable :: failure
-      real(wp) :: effort, farther, limit, ratio
+      real(wp) :: effort, farther(2), limit(2), ratio
       integer :: i
       logical :: is_limited
 
@@ -62,10 +62,10 @@ contains
       do i = 0, most_halvings
          call start_at(min(0.5_wp**i*ratio, steepest))
          if (allocated(error)) return
-         call follow_ratio(search, 0.5_wp**i*ratio, ratio, limit)
+         call follow_targets(search, [0.5_wp**i*ratio, search%problem%l1], limit)
          if (search%is_exhausted()) exit
          ! a solution far from the start may belong to another branch
-         if (limit > 0.0_wp .and. (i > 0 .or. search%family%is_near_start(search%point))) exit
+         if (limit(1) > 0.0_wp .and. (i > 0 .or. search%family%is_near_start(search%point))) exit
       end do
       if (request%correlation == 'both' .and. all(search%signs > 0.0_wp)) &
          search%problem%request%branch = 'nonnegative'
@@ -79,7 +79,7 @@ contains
          search%effort = 0.0_wp
          call follow_from_order_1(request, seed, .false., search, farther, failure)
          if (.not. allocated(failure)) return
-         limit = max(limit, farther)
+         if (farther(1) > limit(1)) limit = farther
          search%effort = max(effort, search%effort)   ! exhausted if one of the two searches was
       end if
       call refuse(search, 'the branch of the unconstrained process', limit, error)
@@ -128,15 +128,17 @@ contains
       integer(long), intent(in) :: seed
       logical, intent(in) :: is_alternating
       type(sampled_objective), intent(inout) :: search   !! in: its effort and bound
-      real(wp), intent(out) :: limit                     !! see `follow_ratio`
+      real(wp), intent(out) :: limit(2)                  !! see `follow_targets`
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: max_passes = 4
+      integer, parameter :: finer_steps = 1024   ! steps of a batch
       type(process_request) :: one
       type(first_order_law) :: first
-      real(wp) :: decay, limit_of_order_1
-      integer :: pass
+      real(wp) :: decay, l1, limit_of_order_1
+      integer :: n_steps, pass
 
       limit = 0.0_wp
+      n_steps = search_steps
       one = request
       one%order = 1
       if (request%correlation == 'both') one%correlation = 'L0'   ! its L1 is another
@@ -144,7 +146,7 @@ contains
       if (allocated(error)) return
       one%std = min(request%std, inside*limit_of_order_1*request%mean)
       decay = 0.0_wp
-      do pass = 1, max_passes
+      do pass = 1, max_passes + 1
          call match_branch(one, is_alternating, first, error)
          if (allocated(error)) return
          decay = max(decay, first%memory)
@@ -155,13 +157,22 @@ contains
          search%point = [search%family%point_of_order_1(first%r, request%order), asinh(first%field)]
          search%last%moments%mean = first%mean
          search%last%moments%std = first%std
+         search%n_steps = n_steps
          call search%set_burn_in()
-         call follow_ratio(search, one%std/request%mean, request%std/request%mean, limit)
-         if (.not. limit > 0.0_wp .and. .not. search%is_exhausted()) then
+         l1 = merge(request%second_length, first%l1, n_steps == search_steps)
+         call follow_targets(search, [one%std/request%mean, l1], limit)
+         if (.not. (limit(1) > 0.0_wp .or. search%is_exhausted()) .and. pass < max_passes) then
             one%std = 0.8_wp*one%std   ! start at a lower std/mean
             cycle
          end if
          if (search%found%is_converged) call match_signs(search)
+         if (request%correlation == 'both' .and. n_steps == search_steps .and. &
+             (is_alternating .or. limit(1) >= search%problem%ratio) .and. &
+             .not. (search%found%is_converged .or. search%is_exhausted())) then
+            n_steps = finer_steps   ! begin at L1 of order 1, not lost in noise
+            one%std = min(request%std, inside*limit_of_order_1*request%mean)
+            cycle
+         end if
          if (.not. search%found%is_converged) exit
          if (.not. is_alternating) return
          if (has_decayed(search)) return
@@ -191,48 +202,62 @@ contains
       search%n_steps = search_steps
    end subroutine begin_search
 
-   !> Continues the maximum from the std/mean of the start to the wanted one. Steps grow until one
-   !> fails and shrink from there on. Not converged if maxima end before the wanted std/mean.
-   subroutine follow_ratio(search, start, wanted, limit)
+   !> Continues the maximum from the std/mean and L1 of the start to the wanted ones; L1 counts if
+   !> both lengths are imposed. Steps grow until one fails and shrink from there on. Not converged
+   !> if maxima end before the wanted targets.
+   subroutine follow_targets(search, start, limit)
       type(sampled_objective), intent(inout) :: search
-      real(wp), intent(in) :: start, wanted
-      real(wp), intent(out) :: limit   !! largest std/mean of a maximum; 0: none was found
+      real(wp), intent(in) :: start(2)    !! std/mean, L1
+      real(wp), intent(out) :: limit(2)   !! those of the last maximum; 0: none was found
       real(wp), parameter :: first_step = 0.08_wp, least_step = 0.004_wp   ! relative
       type(maximum_result) :: before
       real(wp), allocatable :: reached(:)
-      real(wp) :: growth, step
+      real(wp) :: distance, growth, step, targets(2), wanted(2)
+      real(wp) :: done, tried   ! shares of the way
 
-      search%problem%ratio = start
-      limit = 0.0_wp
-      step = first_step
-      growth = 2.0_wp
-      do
-         reached = search%point
-         before = search%found
-         call find_maximum(search)
-         if (search%found%is_converged) then
-            limit = search%problem%ratio
-            if (limit >= wanted) return
-            call search%set_burn_in()
-            step = max(growth*step, least_step)
-         else
-            search%point = reached
-            if (.not. limit > 0.0_wp) exit
-            growth = 0.5_wp
-            step = 0.5_wp*min(step, search%problem%ratio/limit - 1.0_wp)
-            if (step < least_step .or. search%is_exhausted()) exit
-            search%found = before
-         end if
-         search%problem%ratio = min(wanted, limit*(1.0_wp + step))
-      end do
-      search%problem%ratio = wanted
-   end subroutine follow_ratio
+      associate (problem => search%problem)
+         wanted = [problem%ratio, problem%request%second_length]
+         distance = abs(wanted(1)/start(1) - 1.0_wp)
+         if (problem%request%correlation == 'both') &
+            distance = max(distance, abs(wanted(2)/start(2) - 1.0_wp))
+         limit = 0.0_wp
+         done = 0.0_wp
+         tried = merge(0.0_wp, 1.0_wp, distance > 0.0_wp)
+         step = first_step/max(distance, first_step)
+         growth = 2.0_wp
+         do
+            targets = (1.0_wp - tried)*start + tried*wanted
+            problem%ratio = targets(1)
+            problem%request%second_length = targets(2)
+            reached = search%point
+            before = search%found
+            call find_maximum(search)
+            if (search%found%is_converged) then
+               limit = targets
+               done = tried
+               if (done >= 1.0_wp) exit
+               call search%set_burn_in()
+               step = max(growth*step, least_step/distance)
+            else
+               search%point = reached
+               if (.not. limit(1) > 0.0_wp) exit
+               growth = 0.5_wp
+               step = 0.5_wp*min(step, tried - done)
+               if (step*distance < least_step .or. search%is_exhausted()) exit
+               search%found = before
+            end if
+            tried = min(1.0_wp, done + step)
+         end do
+         problem%ratio = wanted(1)
+         problem%request%second_length = wanted(2)
+      end associate
+   end subroutine follow_targets
 
    !> Raises the error of a search: where the branch ends, or why it was given up.
    subroutine refuse(search, branch, limit, error)
       type(sampled_objective), intent(in) :: search
       character(*), intent(in) :: branch
-      real(wp), intent(in) :: limit   !! see `follow_ratio`
+      real(wp), intent(in) :: limit(2)   !! see `follow_targets`
       type(error_type), allocatable, intent(out) :: error
       character(:), allocatable :: reason
 
@@ -242,10 +267,13 @@ contains
          if (search%problem%decay > 0.0_wp) &
             reason = reason//' (where the memory grows without bound along this branch, no '// &
                      'process has the largest entropy: ask for less std/mean or length)'
-      else if (.not. limit > 0.0_wp) then
+      else if (.not. limit(1) > 0.0_wp) then
          reason = 'nothing was found on '//branch
-      else if (limit < search%problem%ratio) then
-         reason = branch//' ends at std/mean = '//to_text(floor(1.0e3_wp*limit)/1.0e3_wp)
+      else if (any(abs(limit - [search%problem%ratio, search%problem%request%second_length]) &
+                   > 0.0_wp)) then
+         reason = branch//' ends at std/mean = '//to_text(floor(1.0e3_wp*limit(1))/1.0e3_wp)
+         if (search%problem%request%correlation == 'both') &
+            reason = reason//', L1 = '//rounded_text(limit(2), 4)
          if (search%family%kind == by_symbol) reason = reason//' with positive symbols'
       else if (search%found%is_converged) then
          reason = 'K(m) does not fade within '//to_text(search%problem%n_lags)//' lags'
