@@ -132,7 +132,9 @@ contains
          if (allocated(group%error)) return
          case%process = 0
          if (process /= 'none') read (process(2:), *) case%process
-         if (case%process > 0) plan%output%spectrum = plan%output%spectrum .and. group%has('psd')
+         if (case%process > 0) then
+            if (.not. group%has('psd')) plan%output%spectrum = .false.
+         end if
          do i = 1, size(strengths)
             if (group%has_attribute(trim(strengths(i)))) exit
          end do
@@ -144,7 +146,7 @@ contains
       call group%get('percentile', plan%output%percentiles)
       call group%get('kept_dof', kept)
       if (allocated(kept)) plan%output%dofs = nint(kept)
-      plan%output%spectrum = plan%output%spectrum .and. group%has('frequency')
+      if (.not. group%has('frequency')) plan%output%spectrum = .false.
       if (.not. plan%output%spectrum) return
       deallocate (frequency)
       call group%get('frequency', frequency)
