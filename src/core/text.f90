@@ -4,7 +4,7 @@ module core_text
    use core_kinds, only: long, wp
    implicit none(type, external)
    private
-   public :: lowered, parse_integer, parse_real, rounded_text, to_text
+   public :: lowered, number_text, parse_integer, parse_real, rounded_text, to_text
    public :: brief, counted, duration, joined, labelled, numbered, numbers_text, padded, &
              rounded_by_error, row_text, set_line_width, shell_word, size_text, with_error
 
@@ -62,6 +62,18 @@ contains
       if (index(text, '.') == 1) text = '0'//text
       if (index(text, '-.') == 1) text = '-0'//text(2:)
    end function text_of_real
+
+   !> Text of a number, an integer without a decimal point.
+   pure function number_text(value) result(text)
+      real(wp), intent(in) :: value
+      character(:), allocatable :: text
+
+      if (abs(value) < 1.0e15_wp .and. .not. abs(value - anint(value)) > 0.0_wp) then
+         text = to_text(nint(value, long))
+      else
+         text = to_text(value)
+      end if
+   end function number_text
 
    !> Text of a number in so many significant digits.
    pure function rounded_text(value, digits, down) result(text)

@@ -4,7 +4,7 @@ module structure_files
    use core_error, only: error_type
    use core_kinds, only: wp
    use core_table, only: read_table, table_type
-   use core_text, only: counted, to_text
+   use core_text, only: counted, number_text, to_text
    use structure_matrix_market, only: matrix_file, read_matrix
    use structure_model, only: build_structure, damping_type, part_names, structure_type
    implicit none(type, external)
@@ -229,17 +229,16 @@ contains
       character(*), intent(in) :: name
       integer, intent(out) :: count
       type(complaint_list), intent(inout) :: complaints
-      character(:), allocatable :: text
 
-      associate (value => table%value(column, row))
-         count = nint(min(max(value, -1.0e9_wp), 1.0e9_wp))
-         text = to_text(count)
-         if (abs(value - count) > 0.0_wp) text = to_text(value)
-         if (value >= least .and. value <= most .and. abs(value - count) <= 0.0_wp) return
-      end associate
-      call table%refuse_row(row, name, text, 'must be a whole number from '//to_text(least)// &
-                            ' to '//to_text(most), complaints)
       count = 0
+      associate (value => table%value(column, row))
+         if (value < least .or. value > most .or. abs(value - aint(value)) > 0.0_wp) then
+            call table%refuse_row(row, name, number_text(value), 'must be a whole number from '// &
+                                  to_text(least)//' to '//to_text(most), complaints)
+         else
+            count = nint(value)
+         end if
+      end associate
    end subroutine read_count
 
    !> Reads b: a line for each dof, a column for each force. Without a file, 1 at the forced dof.

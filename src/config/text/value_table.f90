@@ -5,7 +5,7 @@
 module config_text_value_table
    use core_kinds, only: long, wp
    use core_table, only: words_of
-   use core_text, only: to_text
+   use core_text, only: number_text, to_text
    implicit none(type, external)
    private
    public :: entry_type, interval, lister_type, row_type, visitor_type, word_type
@@ -294,26 +294,14 @@ contains
       if (self%lower <= -huge(1.0_wp)) then
          text = ''
       else if (is_bounded .and. self%is_open) then
-         text = 'above '//short(self%lower)//' and below '//short(self%upper)
+         text = 'above '//number_text(self%lower)//' and below '//number_text(self%upper)
       else if (is_bounded) then
-         text = 'from '//short(self%lower)//' to '//short(self%upper)
+         text = 'from '//number_text(self%lower)//' to '//number_text(self%upper)
       else if (abs(self%lower) > 0.0_wp) then
-         text = 'at least '//short(self%lower)
+         text = 'at least '//number_text(self%lower)
       else
          text = trim(merge('positive        ', 'zero or positive', self%is_open))
       end if
    end function rule_text
-
-   !> Number as text, an integer without a decimal point.
-   pure function short(value) result(text)
-      real(wp), intent(in) :: value
-      character(:), allocatable :: text
-
-      if (abs(value) < 1.0e15_wp .and. .not. abs(value - anint(value)) > 0.0_wp) then
-         text = to_text(nint(value, long))
-      else
-         text = to_text(value)
-      end if
-   end function short
 
 end module config_text_value_table
