@@ -24,7 +24,7 @@ module process_autoregressive_fit
    use process_model, only: gaussian_entropy, lengths_of, process_model_type, process_request
    implicit none(type, external)
    private
-   public :: equal_reflection, fit_ar, nonnegative_reflection, optimal_reflection
+   public :: broken_rule, equal_reflection, fit_ar, nonnegative_reflection, optimal_reflection
 
    real(wp), parameter :: length_tolerance = 1.0e-10_wp      !! relative error of a length
    real(wp), parameter :: optimality_tolerance = 1.0e-8_wp   !! residual of optimality conditions
@@ -98,13 +98,24 @@ contains
                  l1 => request%second_length)
          if (size(kappa) > 0) then
             text = '; order = '//to_text(size(kappa))//' has both with K(m) >= 0'
-         else if (l1*(1.0_wp + l0) < l0) then
-            text = '; every process has L1 >= L0/(1 + L0)'
+         else if (broken_rule(request) /= '') then
+            text = '; '//broken_rule(request)
          else if (l1 > request%order*l0) then
             text = '; K(m) >= 0 needs L1 <= order*L0'
          end if
       end associate
    end function advice
+
+   !> Rule on both lengths that no process breaks; '' if the request keeps it.
+   pure function broken_rule(request) result(rule)
+      type(process_request), intent(in) :: request
+      character(:), allocatable :: rule
+
+      rule = ''
+      associate (l0 => request%correlation_length, l1 => request%second_length)
+         if (l1*(1.0_wp + l0) < l0) rule = 'every process has L1 >= L0/(1 + L0)'
+      end associate
+   end function broken_rule
 
    !> Reflection coefficients of the maximum with K(m) >= 0 for both lengths, of the highest order
    !> up to that of the request that has one; empty if there is none.

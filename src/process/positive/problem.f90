@@ -1,13 +1,14 @@
 !> Problem of a positive process that is solved on simulated values: targets, linear companion and
-!> random numbers. A search changes nothing of it but `ratio`. Everything is in units of b0.
+!> random numbers. A search changes `ratio` and, of both lengths, `request%second_length` on the way
+!> to the wanted ones, and `request%branch`. Everything is in units of b0.
 module process_positive_problem
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
    use core_random, only: stream_type
    use core_text, only: to_text
    use process_autoregressive_description, only: describe_ar
-   use process_autoregressive_fit, only: equal_reflection, nonnegative_reflection, &
-                                         optimal_reflection
+   use process_autoregressive_fit, only: broken_rule, equal_reflection, &
+                                         nonnegative_reflection, optimal_reflection
    use process_autoregressive_model, only: autocovariance_of, coefficients_of, innovation_std, &
                                            reflection_of
    use process_autoregressive_spectral_factor, only: symbol_of_process
@@ -114,21 +115,20 @@ contains
       type(process_model_type), intent(out) :: companion
       type(error_type), allocatable, intent(out) :: error
       real(wp), allocatable :: kappa(:)
+      logical :: has_both
 
-      associate (l0 => request%correlation_length)
-         l1 = request%second_length
-         call optimal_reflection(request, kappa, error)
-         if (allocated(error)) return
-         if (l1*(1.0_wp + l0) < l0) then
-            call raise(error, exit_no_solution, positive_name(request)// &
-                       ': every process has L1 >= L0/(1 + L0)')
-            return
-         end if
-         kappa = nonnegative_reflection(request)
-         if (size(kappa) == 0) kappa = equal_reflection(l0, request%order)
-         call describe_ar(coefficients_of(kappa), 1.0_wp, companion, error)
-         if (abs(companion%l1 - l1) > 1.0e-6_wp*l1) l1 = companion%l1
-      end associate
+      l1 = request%second_length
+      call optimal_reflection(request, kappa, error)
+      if (allocated(error)) return
+      if (broken_rule(request) /= '') then
+         call raise(error, exit_no_solution, positive_name(request)//': '//broken_rule(request))
+         return
+      end if
+      kappa = nonnegative_reflection(request)
+      has_both = size(kappa) > 0
+      if (.not. has_both) kappa = equal_reflection(request%correlation_length, request%order)
+      call describe_ar(coefficients_of(kappa), 1.0_wp, companion, error)
+      if (.not. (has_both .or. allocated(error))) l1 = companion%l1
    end subroutine match_both_lengths
 
    !> True if more lags count than a law is simulated with; sweeps of the exact one grow as L0^2.
