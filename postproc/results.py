@@ -270,10 +270,9 @@ class Results:
             f"audit/{case.name}": case.audit for case in self.cases if case.audit is not None
         }
         with h5py.File(self.path) as file:
-            rest: list[str] = []
-            file.visit(
-                lambda name: rest.append(name) if isinstance(file[name], h5py.Group) else None
-            )
+            names: list[str] = []
+            file.visit(names.append)
+            rest = [name for name in names if isinstance(file[name], h5py.Group)]
         groups |= {
             name: open_group(self.path, name)
             for name in rest

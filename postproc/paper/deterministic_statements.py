@@ -14,6 +14,7 @@ from ..results import Case, Results
 from . import peaks
 from .evidence import NoEvidence, Statement, all_hold, any_holds, claim_larger, claim_range
 from .printed import LEVELS
+from .study import cases_with_spectra
 
 LOW, HIGH = LEVELS  # the two variances of the excitation
 FULLY = 0.05  # a slider that slips (or sticks) less than that is fully stuck (or slipping)
@@ -120,10 +121,7 @@ def weak_peaks_of_slip(results: Results) -> Statement:
 
 def _cases_with_spectra(results: Results) -> tuple[dict[float, Case], NDArray[np.float64]]:
     """The two cases of Fig. 8 by variance, and the stuck frequencies [Hz]."""
-    cases = {
-        case.variance: case
-        for case in results.deterministic if case.has("psd") and case.keeps_all_dofs
-    }  # fmt: skip
+    cases = cases_with_spectra(results)
     if results.structure is None or set(cases) != set(LEVELS):
         raise NoEvidence("not the cases that the paper speaks of")
     return cases, results.structure["frequencies_stuck"].values

@@ -160,6 +160,12 @@ def _values(data: xr.Dataset, name: str) -> Array:
     return np.asarray(data[name].values, dtype=float)
 
 
+def cases_with_spectra(results: Results) -> dict[float, Case]:
+    """Cases without uncertainty, by variance, that have the spectra of all masses."""
+    spectral = [c for c in results.deterministic if c.has("psd") and c.keeps_all_dofs]
+    return {case.variance: case for case in spectral}
+
+
 def paper_study(results: Results) -> Study | None:
     """The twelve cases of Sec. 3 where the file has them all, with their slip fractions."""
     found = {
@@ -172,11 +178,7 @@ def paper_study(results: Results) -> Study | None:
         return None
     return Study(
         {key: found[key] for key in wanted},
-        {
-            case.variance: case
-            for case in results.deterministic
-            if case.variance in LEVELS and case.has("psd") and case.keeps_all_dofs
-        },
+        {v: case for v, case in cases_with_spectra(results).items() if v in LEVELS},
         results.structure["frequencies_stuck"].values,
         results.structure["frequencies_slip"].values,
     )

@@ -26,7 +26,7 @@ from tests.postproc.synthetic import (
     friction_study,
     process,
     results_of,
-)  # fmt: skip
+)
 
 
 @pytest.fixture

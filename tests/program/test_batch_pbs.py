@@ -76,6 +76,7 @@ def test_a_job_keeps_to_its_limit_and_the_next_one_goes_on(pbs, program, output,
     (again,) = pbs.waiting() or [job]
     code, log = pbs.start(again, MINUTES="10").wait()
     assert code == 0, log
+    assert not pbs.waiting()
     assert without_limit(scene_bits(output)) == reference
     assert OPTION in open_results(output).scene[1], "an option was lost"
 
