@@ -43,7 +43,7 @@ contains
    end subroutine new_exact_march
 
    !> Refuses a time step or a tolerance that cannot be marched, or only in too many parts.
-   pure subroutine check_exact(structure, dt, tolerance, error)
+   subroutine check_exact(structure, dt, tolerance, error)
       type(structure_type), intent(in) :: structure
       real(wp), intent(in) :: dt, tolerance
       type(error_type), allocatable, intent(out) :: error
@@ -58,7 +58,8 @@ contains
          if (structure%has_lumped_mass()) then
             longest = most_parts*longest_part/fastest_rate(structure)
          else
-            longest = longest_in_parts(structure, most_parts, dt, tolerance)
+            call longest_in_parts(structure, most_parts, dt, tolerance, longest, error)
+            if (allocated(error)) return
          end if
          if (dt > longest) call raise(error, exit_bad_input, &
                                       'integration%dt = '//to_text(dt)//': must be at most '// &

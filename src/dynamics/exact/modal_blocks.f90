@@ -26,6 +26,8 @@ module dynamics_exact_modal_blocks
       real(wp), allocatable :: block(:, :, :)    !! A (2, 2, block)
       real(wp), allocatable :: state(:, :), inverse(:, :)   !! V (q and q', variable) and V^-1
    contains
+      procedure :: balance
+      procedure :: scaled
       procedure :: metric
       procedure :: outputs
       procedure :: inputs
@@ -187,6 +189,36 @@ contains
          end do
       end associate
    end subroutine pair_poles
+
+   !> Scale of the second variable of a block that balances its A.
+   pure real(wp) function balance(self, b)
+      class(modal_blocks), intent(in) :: self
+      integer, intent(in) :: b
+
+      balance = 1.0_wp
+      associate (a => self%block(:, :, b))
+         if (abs(a(1, 2)) > 0.0_wp) balance = max(1.0_wp, sqrt(abs(a(2, 1)/a(1, 2))))
+      end associate
+   end function balance
+
+   !> Blocks of a part that is `factor` times as long.
+   pure type(modal_blocks) function scaled(self, factor)
+      class(modal_blocks), intent(in) :: self
+      real(wp), intent(in) :: factor
+
+      scaled = self
+      scaled%rate = factor*self%rate
+      if (self%ports == 1) then   ! p remains (q, q')
+         scaled%block(2, 1, :) = factor**2*self%block(2, 1, :)
+         scaled%block(2, 2, :) = factor*self%block(2, 2, :)
+         return
+      end if
+      scaled%block = factor*self%block
+      associate (first => size(self%rate) + 1)   ! of q'
+         scaled%state(first:, :) = factor*self%state(first:, :)
+         scaled%inverse(:, first:) = self%inverse(:, first:)/factor
+      end associate
+   end function scaled
 
    !> N (variable, variable), p'N p = q'C^q + 2 q'q': zero between blocks of different poles (M9).
    pure function metric(self, damping)

@@ -100,34 +100,26 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(joint_properties) :: joints
       real(wp) :: rate(structure%n_dof)   ! Omega
-      integer :: i, m, r
+      integer :: i, m
 
       operators%n_modes = structure%n_dof
       operators%n_joints = structure%n_joints
       operators%n_forces = structure%n_forces
       call find_joint_properties(structure, joints)
-      operators%n_parts = parts_of_step(structure, joints, dt, tolerance)
-      operators%h = dt/operators%n_parts
-      rate = operators%h*(two_pi*structure%frequencies_stuck)
-      if (size(structure%damping_ratio) > 0) then
-         allocate (operators%damping(structure%n_dof, structure%n_dof), source=0.0_wp)
-         do r = 1, structure%n_dof
-            operators%damping(r, r) = 2.0_wp*structure%damping_ratio(r) &
-                                      *(two_pi*structure%frequencies_stuck(r))*operators%h
-         end do
-      else
-         operators%damping = operators%h*matmul(transpose(structure%modes_stuck), &
-                                                matmul(structure%damping, structure%modes_stuck))
-      end if
-      call new_modal_blocks(rate, operators%damping, operators%blocks, error)
+      rate = dt*(two_pi*structure%frequencies_stuck)
+      call new_modal_blocks(rate, dt*joints%damping, operators%blocks, error)
       if (allocated(error)) return
-
+      operators%n_parts = parts_of_step(joints, operators%blocks, dt, tolerance)
+      operators%h = dt/operators%n_parts
+      operators%damping = operators%h*joints%damping
+      operators%blocks = operators%blocks%scaled(1.0_wp/operators%n_parts)
+      rate = rate/operators%n_parts
       operators%momentum = matmul(structure%mass, structure%modes_stuck)
       operators%modal_load = operators%h**2*matmul(transpose(structure%modes_stuck), &
                                                    structure%load)
       operators%load = operators%blocks%inputs(operators%modal_load)
-      call choose_terms(structure%joint_stiffness, joints, rate, operators%damping, &
-                        operators%blocks, tolerance, operators)
+      call choose_terms(joints, operators%modal_load, rate, operators%damping, operators%blocks, &
+                        tolerance, operators)
       m = structure%n_joints
       associate (n => structure%n_dof, rows => operators%n_rows, ports => operators%blocks%ports)
          rows = ports*n
@@ -170,7 +162,7 @@ contains
          a, ends, middle, slope
       real(wp), allocatable :: fit(:, :)
       real(wp) :: kernel(operators%blocks%ports, operators%blocks%ports)
-      real(wp) :: scale   ! scale of the second variable, so that A is balanced
+      real(wp) :: scale   ! scale of the second variable
       integer :: b, d, i, k, last, m, n, ports
 
       m = operators%n_joints
@@ -181,8 +173,7 @@ contains
       do b = 1, operators%n_modes
          a = 0.0_wp
          a(:2, :2) = operators%blocks%block(:, :, b)
-         scale = 1.0_wp
-         if (abs(a(1, 2)) > 0.0_wp) scale = max(1.0_wp, sqrt(abs(a(2, 1)/a(1, 2))))
+         scale = operators%blocks%balance(b)
          do i = 1, ports
             a(2 - ports + i, 2 + i) = 1.0_wp
             a(2 + i, 2 + ports + i) = 1.0_wp
