@@ -31,12 +31,30 @@ def complaints(*command: object) -> str:
     return done.stdout + done.stderr if done.returncode or done.stdout else ""
 
 
+#: fprettify looks at each character by two regular expressions, which takes half of its time. A
+#: line without strings, comments and directives needs none.
+QUICK_FPRETTIFY = r"""
+import re
+import fprettify
+
+is_special = re.compile("[\"'!#${}@]").search
+
+def characters(line):
+    return line if line.instring() or is_special(line._content) else line._it
+
+fprettify.CharFilter.__iter__ = characters
+fprettify.run()
+"""
+
+
 def test_fortran_is_laid_out_by_fprettify(tmp_path):
+    tool("fprettify")
     for folder in CODE:
         shutil.copytree(ROOT / folder, tmp_path / folder)
     # with a wider page than ours, or lines that reach its edge may be indented less
     options = ["--config-file", ROOT / ".fprettify.rc", "--line-length", "132", "--silent"]
-    complaints(tool("fprettify"), *options, "--recursive", *map(tmp_path.joinpath, CODE))
+    folders = map(tmp_path.joinpath, CODE)
+    complaints(sys.executable, "-c", QUICK_FPRETTIFY, *options, "--recursive", *folders)
     moved = []
     for path in (path for folder in CODE for path in sorted((ROOT / folder).rglob("*.f90"))):
         ours = path.read_text().splitlines()

@@ -328,15 +328,6 @@ def test_the_other_law_has_its_errors(drawn):
         assert float(row[f"{name}, other law standard error"]) > 0.0
 
 
-def test_module_runs_as_a_command(process_file, tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "entroslip", process_file, "--out", tmp_path / "x"],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    assert "report.html" in done.stdout
-
-
 def test_gallery_is_a_page_with_small_pictures(process_file, tmp_path):
     page = tmp_path / "gallery.md"
     assert gallery_page.main([str(process_file), "--out", str(page)]) == 0
