@@ -21,11 +21,12 @@ contains
 
    !> Rank of the order statistic at which the 95 % interval of the quantile at probability p ends:
    !> the number of samples below the quantile is binomial. 0 or n + 1 if there are too few samples.
+   !> The interval always holds the estimate, at the rank 1 + (n - 1) p.
    pure integer function interval_rank(n, p, is_upper) result(rank)
       integer, intent(in) :: n
       real(wp), intent(in) :: p
       logical, intent(in) :: is_upper
-      real(wp) :: cumulated, probability, logarithm
+      real(wp) :: cumulated, estimate, probability, logarithm
       integer :: k
 
       probability = merge(0.975_wp, 0.025_wp, is_upper)
@@ -36,7 +37,8 @@ contains
          cumulated = cumulated + exp(logarithm)
          if (cumulated > probability) exit
       end do
-      rank = merge(k + 1, k, is_upper)
+      estimate = 1.0_wp + (n - 1)*p
+      rank = merge(max(k + 1, ceiling(estimate)), min(k, floor(estimate)), is_upper)
    end function interval_rank
 
    !> Finds the quantile at probability p: linear between points, each of which stands at the middle
