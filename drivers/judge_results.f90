@@ -123,13 +123,8 @@ contains
          if (errors%statistics%n_samples < 2 .or. .not. wanted%target_statistical > 0.0_wp) return
          error = slip_error_of(errors%statistics, n_cases, plan%excitation%per_sample)
          if (statistical_error(error) <= wanted%target_statistical) return
-         if (statistical_error(error) >= huge(1.0_wp)) then
-            call add('target_statistical', wanted%target_statistical, &
-                     'too short a march for a standard error')
-         else
-            call add('target_statistical', wanted%target_statistical, &
-                     brief(statistical_error(error))//' points; '//need_words(plan, error, ''))
-         end if
+         call add('target_statistical', wanted%target_statistical, &
+                  brief(statistical_error(error))//' points; '//need_words(plan, error, ''))
       end associate
 
    contains

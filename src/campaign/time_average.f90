@@ -17,8 +17,8 @@ module campaign_time_average
    use numerics_correlated, only: autocovariance_of, error_of_average
    implicit none(type, external)
    private
-   public :: count_spans, end_of_span, errors_of_averages, fewest_spans, span_collector, &
-             start_spans, time_average_method
+   public :: count_spans, end_of_span, errors_of_averages, fewest_spans, shortest_span, &
+             span_collector, start_spans, time_average_method
 
    integer, parameter :: most_spans = 64      !! largest number of spans
    integer, parameter :: shortest_span = 32   !! [step]

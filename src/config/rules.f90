@@ -1,5 +1,6 @@
 !> Checks the rules between values of a scene. The tables of the groups have those of single values.
 module config_rules
+   use campaign_time_average, only: fewest_spans, shortest_span
    use config_excitation_rules, only: check_excitation
    use config_groups, only: scene_type
    use config_groups_motion, only: fewest_measured
@@ -189,6 +190,11 @@ contains
          n_steps = max(n_steps - integration%n_discard, 0)
          call reader%require(every <= n_steps/8, 'output', 'spectrum_every', &
                              'leaves too few of the '//to_text(n_steps)//' steps for a spectrum')
+         call reader%require(n_steps >= fewest_spans*shortest_span .or. &
+                             scene%accuracy%target_statistical <= 0.0_wp, 'accuracy', &
+                             'target_statistical', 'needs a march of '// &
+                             to_text(fewest_spans*shortest_span)//' steps or more behind '// &
+                             'integration%n_discard, not of '//to_text(n_steps))
       end associate
    end subroutine check_steps
 

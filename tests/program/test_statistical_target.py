@@ -124,9 +124,13 @@ def test_a_target_that_no_samples_meet_is_reported(entroslip, scene, tmp_path):
         assert file["campaign/c003"].attrs["n_samples"] == 8
     again = entroslip("run", scene, "--output", "c.h5", *one)
     assert again.returncode == 4
-    short = entroslip("run", scene, "--output", "d.h5", "--set", "integration%n_steps=400")
-    assert short.returncode == 4
-    assert "too short a march for a standard error" in short.stderr
+
+
+def test_a_target_needs_a_march_that_has_a_standard_error(entroslip, scene):
+    short = entroslip("check", scene, "--set", "integration%n_steps=511")
+    assert short.returncode == 2
+    assert "target_statistical = " in short.stderr
+    assert "needs a march of 512 steps or more behind integration%n_discard" in short.stderr
 
 
 def test_a_share_of_runs_cannot_sample_on(entroslip, scene):
