@@ -79,8 +79,10 @@ def of_chain(results: Results) -> Iterator[Figure]:
 
 
 def _is_row(structure: xr.Dataset) -> bool:
-    """True if springs join neighbours alone: K is tridiagonal."""
-    return bool(abs(structure["stiffness_row"] - structure["stiffness_column"]).max() <= 1)
+    """True if springs join all neighbours and no other masses."""
+    ends = zip(*(structure[f"stiffness_{end}"].values for end in ("row", "column")), strict=True)
+    joined = {(min(pair), max(pair)) for pair in ends if pair[0] != pair[1]}
+    return joined == {(dof, dof + 1) for dof in range(1, structure.sizes["dof"])}
 
 
 def of_certain_friction(results: Results) -> Iterator[Figure]:

@@ -48,9 +48,9 @@ SCENES = {
         "&output segment_length = 256 /\n",
         {"fig_07", "spectra_c001"},
     ),
-    "no spectra": (
-        PROCESS + "&chain /\n" + FORCE + SHORT + CAMPAIGN + "&output quantities = 'slip' /\n",
-        {"fig_07", "fig_09a"},
+    "no spectra, no springs": (
+        PROCESS + "&chain coupling_stiffness = 0.0 /\n" + FORCE + SHORT + CAMPAIGN + "&output quantities = 'slip' /\n",
+        {"fig_09a"} | ALONG - {"along_displacement"},
     ),
     "energy alone": (
         "&chain friction = 0.2 /\n" + FORCE + SHORT + "&output quantities = 'energy' /\n",
@@ -61,7 +61,7 @@ SCENES = {
         {"fig_07", "history_c001"},
     ),
     "one oscillator": (
-        PROCESS + "&chain n_dof = 1 /\n" + FORCE + SHORT + CAMPAIGN
+        PROCESS + "&chain n_dof = 1 coupling_stiffness = 0.0 /\n" + FORCE + SHORT + CAMPAIGN
         + "&output segment_length = 256 /\n",
         {"fig_07", "fig_09a", "fig_10a", "fig_11a"},
     ),
