@@ -70,7 +70,8 @@ contains
          ! a replay leaves processes that it does not need unsolved, without a reason
          if (.not. (models(i)%is_solved .or. allocated(models(i)%reason))) cycle
          if (allocated(values)) deallocate (values)
-         if (plan%n_realizations > 0 .and. models(i)%is_solved) then
+         if (plan%n_realizations > 0 .and. models(i)%is_solved .and. &
+             plan%processes(i)%method /= 'values') then
             allocate (values(plan%n_points, plan%n_realizations))
             do k = 1, plan%n_realizations
                stream = new_stream(plan%seed, request_label(models(i)%request), k)

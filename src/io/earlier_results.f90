@@ -200,7 +200,7 @@ contains
       logical :: has_all
       type(error_type), allocatable :: error
       type(hdf5_group) :: group
-      character(:), allocatable :: status
+      character(:), allocatable :: law, status
       integer(long), allocatable :: extents(:)
       integer :: i
 
@@ -213,6 +213,8 @@ contains
          call group%read('status', status)
          i = i + 1
          if (status /= 'solved') cycle
+         call group%read('law', law)
+         if (law == 'given values') cycle   ! no law to draw from
          has_all = group%has('realizations')
          if (has_all) call group%read_shape('realizations', extents, 2)
          if (has_all) has_all = all(extents == [n_points, n_realizations])

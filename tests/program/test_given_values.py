@@ -53,6 +53,18 @@ def test_given_samples_march_as_the_drawn_ones_that_they_are(entroslip, tmp_path
         assert np.array_equal(file["campaign/c001/friction"][0], friction[3])
 
 
+def test_given_values_have_no_realizations(entroslip, tmp_path):
+    """A process beside them has; those of given values were drawn from a law that was not set."""
+    (tmp_path / "friction.txt").write_text("0.1 0.2 0.3\n0.2 0.2 0.1\n")
+    drawn = "correlation_length = 0 mean = 0.2 std = 0.05 n_realizations = 4"
+    both = f"values = 'friction.txt' /\n&process {drawn}"
+    assert run(entroslip, tmp_path, both, "n_samples = 2").returncode == 0
+    with h5py.File(tmp_path / "s.h5") as file:
+        assert "realizations" not in file["process/p001"]
+        assert file["process/p002/realizations"].shape == (4, 3)
+    assert "nothing to do" in entroslip("run", "s.nml").stdout
+
+
 def test_other_values_are_another_scene(entroslip, tmp_path):
     (tmp_path / "friction.txt").write_text("0.1 0.2 0.3\n0.2 0.2 0.1\n")
     assert run(entroslip, tmp_path, "values = 'friction.txt'").returncode == 0
