@@ -93,6 +93,14 @@ class Pair:
         n = min(case.data.sizes["frequency"] for case in (self.before, self.after))
         return self._both("psd", lambda case: case.data["psd"].values[:, :n])
 
+    def moving(self) -> list[int]:
+        """Dofs whose spectra have power in both files."""
+        spectra = self.spectra()
+        if spectra is None:
+            return []
+        kept = [dof for dof in self.before.kept_dofs if dof in self.after.kept_dofs]
+        return [dof for dof in kept if all((one[..., dof - 1] > 0.0).any() for one in spectra)]
+
     def _both(self, name: str, read: Callable[[Case], Values]) -> tuple[Values, Values] | None:
         if not (self.before.has(name) and self.after.has(name)):
             return None
@@ -270,7 +278,7 @@ def change_figures(pairs: Sequence[Pair], place: str) -> list[Figure]:
                 "The friction study", (partial(_draw_slip, slips),),
             )
         )  # fmt: skip
-    spectra = [pair for pair in pairs if pair.n_samples > 1 and pair.spectra() is not None]
+    spectra = [pair for pair in pairs if pair.n_samples > 1 and pair.moving()]
     if spectra:
         figures.append(
             Figure(
@@ -318,7 +326,7 @@ def _draw_spectra(pair: Pair, place: str, axes: Axes) -> None:
     frequency = pair.before.data["frequency"].values
     power = np.cumsum(np.nansum(before.mean(axis=0), axis=1))
     kept = int(np.argmax(power >= (1.0 - _NEGLIGIBLE_POWER) * power[-1])) + 1
-    for dof in some_of([dof for dof in pair.before.kept_dofs if dof in pair.after.kept_dofs]):
+    for dof in some_of(pair.moving()):
         first, second = (values[:, :kept, dof - 1] for values in (before, after))
         means = first.mean(axis=0), second.mean(axis=0)
         one, other = first / means[0], second / means[1]

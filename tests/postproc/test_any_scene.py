@@ -49,7 +49,8 @@ SCENES = {
         {"fig_07", "spectra_c001"},
     ),
     "no spectra, no springs": (
-        PROCESS + "&chain coupling_stiffness = 0.0 /\n" + FORCE + SHORT + CAMPAIGN + "&output quantities = 'slip' /\n",
+        PROCESS + "&chain coupling_stiffness = 0.0 /\n" + FORCE + SHORT + CAMPAIGN
+        + "&output quantities = 'slip' /\n",
         {"fig_09a"} | ALONG - {"along_displacement"},
     ),
     "energy alone": (

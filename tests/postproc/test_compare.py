@@ -7,12 +7,20 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
 
 from entroslip.__main__ import main
-from entroslip.compare import change_table, mean_change, most_changed, pair_cases, std_change
+from entroslip.compare import (
+    change_figures,
+    change_table,
+    mean_change,
+    most_changed,
+    pair_cases,
+    std_change,
+)
 from entroslip.decision import table_designs
 from entroslip.output import InputError
 from entroslip.results import Case, Results, with_own_names
@@ -167,6 +175,20 @@ def test_the_cases_that_change_most_are_drawn(pair):
     places = {id(one): place for place, one in enumerate(pairs)}
     assert [places[id(one)] for one in most_changed(pairs)] == [0, 2, 3, 5, 6, 7]
     assert [places[id(one)] for one in most_changed(pairs[:2])] == [0, 1]
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_dof_at_rest_has_no_change_of_its_spectrum(pair):
+    """No spring moves it: its spectra were divided by zero, and a file at rest was drawn."""
+    psd = np.ones((400, 3, 2))
+    psd[..., 1] = 0.0
+    drawn = [design(pair[0], psd=factor * psd) for factor in (1.0, 2.0)]
+    figure = change_figures(pair_cases(*drawn), "dof")[-1]
+    axes = plt.figure().subplots()
+    figure.panels[0](axes)
+    assert [line.get_label() for line in axes.lines if len(line.get_xdata()) == 3] == ["dof 1"]
+    rest = [design(pair[0], psd=0.0 * psd) for _ in range(2)]
+    assert [one.name for one in change_figures(pair_cases(*rest), "dof")] == ["comparison_slip"]
 
 
 def test_structures_with_other_joints_are_refused(pair):
