@@ -72,7 +72,8 @@ contains
       integer :: place(2)   ! of the first value that is not finite
 
       if (size(force, 1) < 2) then
-         call complaints%add_general(path//': must hold at least two values')
+         call complaints%add_general(path//': holds '//counted(size(force, 1), 'value', 'values') &
+                                     //': must hold two or more')
       else if (n_steps > 0 .and. size(force, 1, kind=long) /= n_steps + 1_long) then
          call complaints%add_general(path//': holds '//to_text(size(force, 1))// &
                                      ' values: must be integration%n_steps + 1 = '// &

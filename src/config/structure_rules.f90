@@ -6,7 +6,7 @@ module config_structure_rules
    use core_kinds, only: long, wp
    use core_random, only: label_of
    use core_table, only: read_table, table_type
-   use core_text, only: to_text
+   use core_text, only: counted, to_text
    use structure_files, only: read_structure, structure_paths
    use structure_model, only: structure_type
    implicit none(type, external)
@@ -168,7 +168,8 @@ contains
       end do
       if (reader%complaints%n > n_before) return
       if (table%n_rows < 2) then
-         call reader%complaints%add_general(path//': must hold two samples or more')
+         call reader%complaints%add_general( &
+            path//': holds '//counted(table%n_rows, 'sample', 'samples')//': must hold two or more')
          return
       end if
       if (maxval(table%value) <= minval(table%value)) then
