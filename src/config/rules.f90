@@ -224,6 +224,10 @@ contains
                                 'sample_until_met', 'needs an unlimited number of force '// &
                                 'records: a file has a fixed number')
          end if
+         call reader%require(accuracy%target_band_ratio <= 0.0_wp .or. scene%runs_samples() .and. &
+                             scene%output%keeps('spectrum') .and. size(p) > 1, 'accuracy', &
+                             'target_band_ratio', "needs 'spectrum' among output%quantities, "// &
+                             'two output%percentiles or more, and samples with drawn friction')
          if (.not. accuracy%target_statistical > 0.0_wp) return
          call reader%require(scene%output%keeps('slip'), 'accuracy', 'target_statistical', &
                              "needs 'slip' among output%quantities")
