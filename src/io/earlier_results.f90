@@ -142,7 +142,7 @@ contains
          if (group%has_attribute('frequency')) call group%read('frequency', case%frequency)
          plan%cases = [plan%cases, case]
       end do
-      group%path = case_group(1, 1)
+      group%path = case_group(max(1, findloc(plan%cases%process > 0, .true., dim=1)), huge(1))
       call group%get('percentile', plan%output%percentiles)
       call group%get('kept_dof', kept)
       if (allocated(kept)) plan%output%dofs = nint(kept)

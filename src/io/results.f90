@@ -130,8 +130,9 @@ contains
          if (count_spans(plan%integration) >= fewest_spans) &
             call group%attribute('time_average_method', time_average_method)
       end if
-      call group%put('percentile', plan%output%percentiles, '%', 'percentile over samples', &
-                     'percentile')
+      if (plan%cases(number)%process > 0 .and. plan%cases(number)%n_samples > 1) &
+         call group%put('percentile', plan%output%percentiles, '%', 'percentile over samples', &
+                        'percentile')
       if (plan%output%spectrum) call write_spectrum_axes(group, layout, folded_share)
       if (plan%output%history) call write_history_axes(group, plan, force)
    end subroutine begin_case

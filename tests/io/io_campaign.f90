@@ -295,6 +295,7 @@ contains
          call write_block(group, plan, samples)
          call finish_case(group, plan, i, stored, error)
          if (allocated(error)) exit
+         if (plan%cases(i)%n_samples == 1) cycle   ! without statistics
          estimates%best = made_statistics()
          estimates%reason = ''
          call write_estimates(group, estimates%best, estimates, error)

@@ -50,6 +50,7 @@ def test_other_percentiles_are_taken_up(entroslip, small_scene, tmp_path):
         slip = np.percentile(case["slip_fraction"], [10, 90], axis=0)
         beside = case.get("plain", case)
         np.testing.assert_allclose(beside["slip_percentiles"], slip, rtol=1e-12)
+        assert "percentile" not in file["campaign/c001"]  # without statistics it would be the first
 
 
 def test_other_realizations_are_written(entroslip, tmp_path):

@@ -143,3 +143,14 @@ def test_samples_of_no_law_are_refused(entroslip, tmp_path):
     done = entroslip("whatif", "few.h5", "--set", "process%std=0.08")
     assert done.returncode == 2
     assert "few.h5: no case has the samples of a regression" in done.stderr
+
+
+def test_the_percentiles_are_those_of_the_samples(entroslip, tmp_path):
+    """A deterministic case stands before them and has none."""
+    scene = SCENE.format(std=0.067, n=25).replace("n_samples", "deterministic = .true. n_samples")
+    scene = scene.replace("6000", "600").replace("&output", "&output percentiles = 10, 80")
+    (tmp_path / "both.nml").write_text(scene.replace("1024", "128"))
+    assert entroslip("run", "both.nml", "--quiet").returncode == 0
+    done = entroslip("whatif", "both.h5", "--set", "process%std=0.06", "--quiet")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"joint mean +10 % +80 % +std", done.stdout)
