@@ -13,7 +13,7 @@ module statistics_kernel_choice
    private
    public :: choose_kernel
 
-   integer, parameter :: most_chosen = 128   !! samples whose residuals are compared
+   integer, parameter, public :: most_chosen = 128   !! samples whose residuals are compared
    real(wp), parameter :: lengths(*) = [1.0_wp, 2.0_wp, 4.0_wp, 8.0_wp, 16.0_wp]
    integer, parameter :: middle = 3          !! number of the length that is tried first
    real(wp), parameter :: powers(*) = [0.5_wp, 1.0_wp]   !! power of the slopes in the weights

@@ -14,7 +14,7 @@ module statistics_law
    use numerics_lapack, only: find_symmetric_eigenvectors, multiply
    implicit none(type, external)
    private
-   public :: draws_type, law_type, choose_points, error_of_points, keep_draws
+   public :: draws_type, law_type, choose_points, count_polynomials, error_of_points, keep_draws
 
    integer, parameter :: most_with_products = 12     !! inputs, for products of two
    integer, parameter, public :: most_kept_draws = 2**15   !! draws that are kept
@@ -207,6 +207,7 @@ contains
       call multiply(law%dq, law%dq, law%dq_square, transposes_a=.true.)
    end subroutine find_point_weights
 
+   !> Number of polynomials whose means over all draws the points of a law keep.
    pure integer function count_polynomials(n_inputs)
       integer, intent(in) :: n_inputs
 

@@ -24,7 +24,7 @@ module statistics_spectra
    public :: estimate_spectrum, last_powerful
 
    integer, parameter, public :: together = 128   !! frequencies that are estimated together
-   integer, parameter :: n_choosing = 24          !! frequencies at which the kernel is chosen
+   integer, parameter, public :: n_choosing = 24  !! frequencies at which the kernel is chosen
    real(wp), parameter :: power_above = 1.0e-4_wp       !! share of the power, by plain sampling
    !> limit of G beyond the samples in a mean density, over the range of the samples: of a normal
    !> G 30 samples span 4 standard deviations, and 1 of 3000 points of the law lies 1.5 beyond

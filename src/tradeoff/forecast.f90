@@ -6,21 +6,22 @@
 !> independent, with the mean and standard deviation of their process: no process is fitted for it.
 !>
 !> The counts are those of samples, friction values, frequencies and cases. Times of one count were
-!> measured on the paper's chain, with 25 to 10,000 samples a case, on chains of 20 to 500 masses
+!> measured on the paper's chain, with 25 to 10,000 samples a case, on chains of 1 to 500 masses
 !> and on a ring of blades, while all cores were busy.
 module tradeoff_forecast
    use campaign_plan, only: add_audits, kept_dofs, kept_of, plan_type, reference_for
-   use campaign_pooling, only: case_pool, find_input_points, find_pools
-   use campaign_results, only: block_result
+   use campaign_pooling, only: case_pool, find_input_points, find_pools, plan_draws
+   use campaign_results, only: block_result, n_quantities
    use campaign_runner, only: prepare_runner, runner_type
    use campaign_sample, only: never
    use campaign_size, only: n_frequencies, results_size
    use core_error, only: error_type
    use core_kinds, only: wp
    use process_model, only: process_model_type
-   use statistics_law, only: n_points
-   use statistics_spectra, only: last_powerful
-   use statistics_surrogate, only: most_landmarks
+   use statistics_kernel_choice, only: most_chosen
+   use statistics_law, only: count_polynomials, most_kept_draws, n_points
+   use statistics_spectra, only: last_powerful, n_choosing
+   use statistics_surrogate, only: most_landmarks, n_ratios
    use tradeoff_sample, only: assumed_transitions, choose_levels, draw_level, history_memory, &
                               level_type, march_level
    use tradeoff_settings, only: expected_cost, own_setting, setting_type
@@ -173,8 +174,8 @@ contains
       nanoseconds = min(nanoseconds, again)
    end subroutine time_march
 
-   !> Time from the end of the last march to the complete results file [s]. All ranks compute the
-   !> statistics; one writes the file.
+   !> Time from the end of the last march to the complete results file [s]. All ranks draw from the
+   !> laws and share the statistics; one writes the file.
    pure real(wp) function end_seconds(plan, models, cost, n_ranks)
       type(plan_type), intent(in) :: plan
       type(process_model_type), intent(in) :: models(:)   !! as in results_size
@@ -183,54 +184,102 @@ contains
       real(wp), parameter :: sample_time = 1.6e-4_wp   ! measured [s]: to read a sample,
       real(wp), parameter :: plain_time = 1.8e-7_wp    ! for plain statistics of a density of it,
       real(wp), parameter :: byte_time = 8.0e-9_wp     ! to write a byte and read it back
+      type(case_pool), allocatable :: pools(:)
       real(wp) :: n_densities   ! of a sample
 
       n_densities = 0.0_wp
       if (plan%output%spectrum) n_densities = real(n_frequencies(plan), wp)*size(kept_dofs(plan))
+      pools = find_pools(plan)
       end_seconds = (sum(plan%cases%n_samples)*(sample_time + plain_time*n_densities) &
-                     + regression_seconds(plan, cost%share_powerful))/n_ranks &
+                     + regression_seconds(plan, pools, cost%share_powerful))/n_ranks &
+                    + draws_seconds(plan, pools) &
                     + byte_time*results_size(plan, cost%transitions, models)
    end function end_seconds
 
-   !> Processor time of the regressions of all pools [s].
-   pure real(wp) function regression_seconds(plan, share_powerful)
+   !> Processor time of the draws from the laws of all pools [s], which every rank takes once.
+   pure real(wp) function draws_seconds(plan, pools)
       type(plan_type), intent(in) :: plan
-      real(wp), intent(in) :: share_powerful   !! share of the frequencies that are fitted
-      ! measured times [ns] of an output (joint or dof) ...
-      real(wp), parameter :: fit_time = 4.5e6_wp       ! choice of a kernel
-      real(wp), parameter :: feature_time = 150.0_wp   ! per sample and landmark
-      real(wp), parameter :: kernel_time = 1.7_wp      ! per point, landmark and input
-      real(wp), parameter :: further_inputs = 5.4_wp   ! time besides the inputs', in inputs
-      real(wp), parameter :: polynomial_time = 3.0_wp  ! per point and two inputs
-      ! ... and of an output and a frequency
-      real(wp), parameter :: density_time = 210.0_wp   ! per sample
-      real(wp), parameter :: product_time = 0.08_wp    ! per point and landmark
-      real(wp), parameter :: mean_time = 14.0_wp       ! per point
-      real(wp), parameter :: percentile_time = 18.0_wp ! per point and percentile
-      type(case_pool), allocatable :: pools(:)
+      type(case_pool), intent(in) :: pools(:)
+      ! measured times [s]: of a value; of a window by 'exact', at L0 = 1; of a polynomial of a draw
+      real(wp), parameter :: value_time = 5.5e-8_wp, exact_time = 1.5e-4_wp, &
+                             polynomial_time = 2.0e-9_wp
       integer, allocatable :: joints(:), points(:)
-      real(wp) :: n, n_dofs, n_f, n_landmarks, n_predicted, nanoseconds
+      integer :: i, n_draws, p, stride
+
+      call find_input_points(plan%structure, points, joints)
+      draws_seconds = 0.0_wp
+      do i = 1, size(plan%processes)
+         if (.not. any([(any(plan%cases(pools(p)%cases)%process == i), p=1, size(pools))])) cycle
+         associate (request => plan%processes(i), last => points(size(points)))
+            call plan_draws(last, request%sampler == 'exact', request%correlation_length, n_draws, &
+                            stride)
+            draws_seconds = draws_seconds + n_draws &
+                            *(merge(exact_time, value_time*max(stride, last), &
+                                    request%sampler == 'exact') &
+                              + polynomial_time*count_polynomials(size(points)))
+         end associate
+      end do
+   end function draws_seconds
+
+   !> Processor time of the regressions of all pools [s], from the operations of src/statistics.
+   pure real(wp) function regression_seconds(plan, pools, share_powerful)
+      type(plan_type), intent(in) :: plan
+      type(case_pool), intent(in) :: pools(:)
+      real(wp), intent(in) :: share_powerful   !! share of the frequencies that are fitted
+      real(wp), parameter :: n_tries = 5.0_wp          ! kernels that are tried, 4 to 7
+      ! measured times [ns]
+      real(wp), parameter :: pair_time = 10.0_wp       ! kernel of a pair of vectors,
+      real(wp), parameter :: input_time = 1.3_wp       ! and for each input
+      real(wp), parameter :: eigen_time = 0.05_wp      ! eigenvectors of n rows, over n**3
+      real(wp), parameter :: product_time = 0.15_wp    ! multiplication and addition
+      real(wp), parameter :: draw_time = 110.0_wp      ! choice of points: per kept draw
+      real(wp), parameter :: sample_time = 900.0_wp    ! per sample and output
+      real(wp), parameter :: value_time = 11.0_wp      ! per point, output and statistic
+      integer, allocatable :: joints(:), points(:)
+      real(wp) :: common   ! time of a joint or a dof besides its outputs [ns]
+      real(wp) :: at_points, m, n, n_landmarks, n_polynomials, n_numbers, n_statistics
       integer :: p
 
-      pools = find_pools(plan)
       call find_input_points(plan%structure, points, joints)
-      n_dofs = 0.0_wp
-      if (plan%output%spectrum) n_dofs = size(kept_dofs(plan))
-      n_f = n_frequencies(plan)
-      nanoseconds = 0.0_wp
+      n_polynomials = count_polynomials(size(points))
+      n_statistics = 1 + size(plan%output%percentiles)
+      n_numbers = plan%structure%n_joints
+      if (plan%excitation%kind == 'sine') n_numbers = n_numbers + plan%structure%n_dof
+      regression_seconds = 0.0_wp
       do p = 1, size(pools)
          n = sum(pools(p)%n_fitted)
          n_landmarks = min(n, real(most_landmarks, wp))
-         n_predicted = real(n_points, wp)*size(pools(p)%cases)
-         nanoseconds = nanoseconds + (plan%structure%n_joints + n_dofs) &
-                       *(fit_time + feature_time*n*n_landmarks &
-                         + n_predicted*(kernel_time*n_landmarks*(size(points) + further_inputs) &
-                                        + polynomial_time*size(points)**2)) &
-                       + n_dofs*n_f*share_powerful*(density_time*n + n_predicted &
-                                     *(mean_time + percentile_time*size(plan%output%percentiles) &
-                                                      + product_time*n_landmarks))
+         m = min(n, real(most_chosen, wp))
+         at_points = real(n_points, wp)*size(pools(p)%cases)
+         common = (pair_time + input_time*size(points)) &
+                  *(2*n_tries*m**2 + n_landmarks*(n_landmarks + n + at_points)) &
+                  + eigen_time*(n_tries*m**3 + n_landmarks**3) &
+                  + draw_time*most_kept_draws*size(pools(p)%cases) &
+                  + product_time*2.5_wp*at_points*n_polynomials**2
+         if (n > n_landmarks) &
+            common = common + (eigen_time*n_landmarks + product_time*3*n)*n_landmarks**2
+         regression_seconds = regression_seconds + 1.0e-9_wp*n_numbers &
+                              *(common + of_outputs(2.0_wp*n_quantities) &   ! and sensitivities:
+                                + product_time*at_points*3*size(points) &
+                                *(n_landmarks + 3*size(points)))
+         if (plan%output%spectrum) &
+            regression_seconds = regression_seconds + 1.0e-9_wp*size(kept_dofs(plan)) &
+                                 *(common + of_outputs(share_powerful*n_frequencies(plan)))
       end do
-      regression_seconds = 1.0e-9_wp*nanoseconds
+
+   contains
+
+      !> Time for a number of outputs of a joint or a dof [ns].
+      pure real(wp) function of_outputs(n_outputs)
+         real(wp), intent(in) :: n_outputs
+
+         of_outputs = product_time*n_tries*2*n_ratios*m**2*min(n_outputs, real(n_choosing, wp)) &
+                      + n_outputs*(n*(sample_time + product_time*4*n_landmarks) &
+                                   + at_points*(n_statistics*(value_time + product_time*1.5_wp &
+                                                              *n_polynomials) &
+                                                + product_time*1.25_wp*n_landmarks))
+      end function of_outputs
+
    end function regression_seconds
 
 end module tradeoff_forecast
