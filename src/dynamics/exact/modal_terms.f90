@@ -276,11 +276,12 @@ contains
       real(wp) :: least, most   ! range of c (M8)
       real(wp), dimension(size(rate)) :: bend, jump   ! x'' over the amplitude: often; once
       real(wp), dimension(size(rate)) :: share, slack, square   ! |c - det A| at most; det A
-      real(wp) :: memory
+      real(wp) :: memory, most_jump
       integer :: d, k, r
 
       share = shares(joints%gain, blocks, terms%n_parts)
       jump = term_safety*jump_shares(joints%gain, load, blocks)
+      most_jump = maxval(jump)
       do k = 1, 4
          path(k) = maxval(share*blocks%rate**k)   ! derivatives of the paths
       end do
@@ -318,7 +319,7 @@ contains
          terms%first_power(k) = k - 1
          do d = 0, min(n_markov - 1, k - 3)
             if (response(d)/factorial(k)*max(max(20.0_wp*term_safety, on)*path(k - 2 - d), &
-                                             maxval([jump, 0.0_wp])) > tolerance) &
+                                             most_jump) > tolerance) &
                terms%first_power(k) = k - 2 - d
          end do
       end do
