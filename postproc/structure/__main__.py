@@ -150,10 +150,12 @@ def _parser() -> Parser:
     )  # fmt: skip
     add.add_argument("--stiffness", required=True, metavar="FILE[:NAME]", help="without the joints")
     add.add_argument(
-        "--joint", action="append", default=[], type=_two_dofs, metavar="A[,B]",
-        help="a joint from dof A to dof B, or to the ground (repeatable)",
+        "--joint", nargs="+", action="extend", default=[], type=_two_dofs, metavar="A[,B]",
+        help="joints, each from dof A to dof B or to the ground",
     )  # fmt: skip
-    add.add_argument("--keep", action="append", default=[], metavar="DOF", help="another kept dof")
+    add.add_argument(
+        "--keep", nargs="+", action="extend", default=[], metavar="DOF", help="other kept dofs"
+    )
     add.add_argument(
         "--modes", type=int, metavar="N",
         help="Craig-Bampton: keep the dofs of joints and forces, and N modes of the others",
@@ -197,8 +199,8 @@ def _add_common(
     add("--friction", type=_not_negative, default=0.2, help=f"likewise; {_DEFAULT}")
     add("--process", type=Path, metavar="FILE",
         help="a scene whose &process is taken, as estimate writes it")  # fmt: skip
-    add("--force", action="append", default=[], type=_factor, metavar="DOF[=FACTOR]",
-        help="where the force acts (repeatable); default: the last dof")  # fmt: skip
+    add("--force", nargs="+", action="extend", default=[], type=_factor, metavar="DOF[=FACTOR]",
+        help="where the force acts; default: the last dof")  # fmt: skip
     damping = parser.add_mutually_exclusive_group()
     damping.add_argument("--damping-ratio", type=_not_negative, default=0.005, help="of every mode")
     damping.add_argument(
