@@ -146,7 +146,8 @@ def _parser() -> Parser:
     add = commands.add_parser("import", help="M and K of another program, reduced if asked")
     add.add_argument(
         "--mass", required=True, metavar="FILE[:NAME]",
-        help=".mat, .npy, .npz, Matrix Market, rows of text, Abaqus text, Nastran DMIG or OP4",
+        help=".mat, .npy, .npz, Matrix Market, rows of text, Abaqus text, Nastran DMIG or OP4,"
+        " Ansys HBMAT text",
     )  # fmt: skip
     add.add_argument("--stiffness", required=True, metavar="FILE[:NAME]", help="without the joints")
     add.add_argument(

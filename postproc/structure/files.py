@@ -1,4 +1,4 @@
-"""Matrices from files: .mat, .npy, .npz, Matrix Market, rows, Abaqus text, Nastran DMIG and OP4."""
+"""Matrices from files: MATLAB, NumPy, Matrix Market, rows, Abaqus, Nastran, Harwell-Boeing."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import scipy.io
 import scipy.sparse as sp
 
 from ..output import InputError
+from .harwell_boeing import is_harwell_boeing, read_harwell_boeing
 from .pair import Matrix, Pair, lowest_frequency, symmetric_part
 from .text_matrix import Dof, Entries, held_dofs, name, read_abaqus, read_dmig
 
@@ -24,6 +25,7 @@ _NAMES = {
 }
 _MATRIX_MARKET = "Matrix Market"
 _ROWS = "rows of text"
+_HARWELL_BOEING = "Harwell-Boeing"
 _LEAST_ERROR = 1.0e-3  # of the lowest frequency that is noted
 _MOST_ROWS = 10_000_000  # of a matrix without names of dofs; more is no matrix
 
@@ -115,6 +117,8 @@ def _read(source: str, letter: str) -> _Read:
     head = path.open("rb").read(4096)
     if ending not in _READERS and head.startswith(b"%%MatrixMarket"):
         ending = _MATRIX_MARKET
+    elif ending not in _READERS and is_harwell_boeing(head):
+        ending = _HARWELL_BOEING
     elif ending not in _READERS and _has_rows(head):
         ending = _ROWS
     if ending in _READERS:
@@ -299,4 +303,5 @@ _READERS: dict[str, tuple[str, Callable[[Path], dict[str, Any]]]] = {
     ".op4": ("OP4", _op4),
     _MATRIX_MARKET: (_MATRIX_MARKET, _matrix_market),
     _ROWS: (_ROWS, _rows),
+    _HARWELL_BOEING: (_HARWELL_BOEING, lambda path: {"": read_harwell_boeing(path)}),
 }

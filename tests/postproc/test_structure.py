@@ -174,6 +174,20 @@ def matlab_7_3(path, **matrices):
                 file[name] = matrix.T
 
 
+def hbmat(triangle):
+    """As Ansys writes half of a symmetric matrix: a number a line, and a right-hand side."""
+    n = triangle.shape[0]
+    counts = [n + 1, triangle.nnz, triangle.nnz, n]
+    lines = ["Stiffness matrix".ljust(72) + "K".ljust(8)]
+    lines += ["".join(f"{count:14}" for count in (sum(counts), *counts))]
+    lines += ["RSA".ljust(14) + "".join(f"{count:14}" for count in (n, n, triangle.nnz, 0))]
+    lines += ["(1I14)".ljust(16) * 2 + "(1D25.15)".ljust(20) * 2, "F".ljust(14) + f"{1:14}{n:14}"]
+    lines += [f"{i + 1:14}" for i in (*triangle.indptr, *triangle.indices)]
+    return "\n".join(
+        lines + [f"{x:25.15E}".replace("E", "D") for x in (*triangle.data, *[0.0] * n)]
+    )
+
+
 def in_every_format(folder):
     """The rod in each format, by name: what --mass and --stiffness are given."""
     sparse_m, sparse_k = sp.csc_array(ROD_M), sp.csc_array(ROD_K)
@@ -187,6 +201,8 @@ def in_every_format(folder):
     scipy.io.mmwrite(folder / "K.mtx", sparse_k)
     np.savetxt(folder / "M.csv", ROD_M, delimiter=",")
     np.savetxt(folder / "K.txt", ROD_K)
+    scipy.io.hb_write(folder / "M.rua", sparse_m)
+    (folder / "K.matrix").write_text(hbmat(sp.csc_array(sp.tril(ROD_K))))
     return {
         "npy": (folder / "M.npy", folder / "K.npy"),
         "sparse npz": (folder / "M.npz", folder / "K.npz"),
@@ -194,6 +210,7 @@ def in_every_format(folder):
         "mat 7.3": (folder / "rod73.mat", folder / "rod73.mat"),
         "Matrix Market": (folder / "M.mtx", folder / "K.mtx"),
         "rows of text": (folder / "M.csv", folder / "K.txt"),
+        "Harwell-Boeing": (folder / "M.rua", folder / "K.matrix"),
         "Abaqus": (SNIPPETS / "rod_MASS1.mtx", SNIPPETS / "rod_STIF1.mtx"),
         "Abaqus COORDINATE": (SNIPPETS / "rod_MASS2.mtx", SNIPPETS / "rod_STIF2.mtx"),
         "DMIG": (SNIPPETS / "rod.pch", f"{SNIPPETS / 'rod.pch'}:KAAX"),
@@ -437,6 +454,7 @@ def spoilt(folder):
     (folder / "short.inp").write_text("1,1,1,1,2.0\n1,1,1\n")
     (folder / "model.op2").write_bytes(b"\x04\0\0\0\x0c\0\0\0")
     (folder / "complex.pch").write_text("DMIG    K              0       6       3       0\n")
+    (folder / "complex.hb").write_text("K\n3 1 1 1 0\nCSA 1 1 1 0\n(1I14) (1I14) (1D25.15)\n1\n")
     (folder / "cut.pch").write_text("DMIG    K              0       6       2       0\n")
     (folder / "late.pch").write_text(
         "$\nDMIG    K              1       1               1       1\n"
@@ -462,6 +480,7 @@ def spoilt(folder):
         "far row": (of(folder / "far.inp"), "far.inp: row 99999999999999999999: must be from 1 to"),
         "empty": (of(folder / "empty.npy"), "empty.npy: cannot be read as a NumPy array"),
         "complex DMIG": (of(folder / "complex.pch"), "complex.pch:1: DMIG K: must be real"),
+        "complex HB": (of(folder / "complex.hb"), "complex.hb:3: CSA: must be real and assembled"),
         "no entries": (of(folder / "cut.pch"), "cut.pch: the matrix has no entries"),
         "no header": (of(folder / "late.pch"), "late.pch:2: DMIG K: its header must come first"),
         "no such name": (of(f"{a}:Q"), "a.npz: has no Q, only K, M, complex"),
