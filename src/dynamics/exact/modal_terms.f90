@@ -142,7 +142,7 @@ contains
       if (size(missed) == 0) return
       blocks = step_blocks%scaled(1.0_wp/n_parts)
       missed = missed_responses(joints, blocks, dt/n_parts)
-      path_error = safety*(maxval(shares(joints%gain, blocks, n_parts) &
+      path_error = safety*(maxval(oscillations(joints, step_blocks, dt) &
                                   *min(blocks%rate, quintic_error*blocks%rate**6)) &
                            + maxval(missed)/n_parts) &
                    + maxval(missed*accumulation(joints, dt/n_parts, n_parts))
@@ -206,6 +206,29 @@ contains
       share = maxval(outputs/spread(max(maxval(outputs, 2), tiny(1.0_wp)), 2, size(share)), 1) &
               /max(1.0_wp, blocks%rate*n_parts)**2
    end function shares
+
+   !> Amplitude with which each block (block) oscillates in the paths of joints, over the rms
+   !> displacement, at most its share (M7). Beyond omega dt = 1 only kinks excite it: those of the
+   !> force between steps, which add up until it has faded, and those of sliders.
+   pure function oscillations(joints, blocks, dt) result(amplitude)
+      type(joint_properties), intent(in) :: joints
+      type(modal_blocks), intent(in) :: blocks   !! those of a step
+      real(wp), intent(in) :: dt                 !! [s]
+      real(wp) :: amplitude(size(blocks%rate))
+      real(wp), dimension(size(joints%gain, 1), size(amplitude)) :: inputs, outputs
+      real(wp), parameter :: no_decay = 1.0e-30_wp
+      real(wp), dimension(size(amplitude)) :: decay, kink, rate   ! decay, rate of a step
+
+      amplitude = shares(joints%gain, blocks, 1)
+      inputs = dt**2*norms(transpose(blocks%inputs(transpose(joints%gain))), blocks%ports)
+      outputs = norms(blocks%outputs(joints%gain, .false.), blocks%ports)
+      rate = max(1.0_wp, blocks%rate)
+      decay = -0.5_wp*(blocks%block(1, 1, :) + blocks%block(2, 2, :))
+      kink = maxval(outputs, 1)*matmul(joints%stiffness, inputs)/rate**(4 - blocks%ports)
+      amplitude = amplitude*min(1.0_wp, max(1.0_wp, minval(blocks%rate))**2 &
+                                *(1.0_wp + 1.0_wp/max(decay, no_decay))/rate &
+                                + kink/max(amplitude, tiny(1.0_wp)))
+   end function oscillations
 
    !> Bend x'' of each block (block) during a blow, over the amplitude that the path of a joint has
    !> afterwards: the largest of all joints and forces (M8).
