@@ -21,7 +21,7 @@ _BEYOND = 1.2  # times its frequency
 _STEPS_A_PERIOD = 8  # of the highest frequency of the noise
 _N_STEPS, _SEGMENT = 40_000, 4096
 _OVER_LIMIT = 2.0  # rms of the example's force over the slip limit mu N of a joint
-_MOST_NAMED = 60  # dofs that joints.txt lists
+_MOST_NAMED = 60  # dofs that joints.txt lists, and whose spectra a scene keeps
 _PROCESS = re.compile(  # the / of a group stands neither in quotes nor in a comment
     r"""^[ \t]*(&process\b(?:'[^']*'|"[^"]*"|![^\n]*|[^/'"!])*/)""", re.MULTILINE | re.IGNORECASE
 )
@@ -210,9 +210,14 @@ def _scene_text(pair: Pair, joints: Sequence[Joint], options: SceneOptions) -> s
         ],
         "output": [f"segment_length = {_SEGMENT}"],
     }
+    named = {dof for joint in joints for dof in (joint.dof_a, joint.dof_b) if dof is not None}
+    named |= {dof for dof, _ in options.forces} or {pair.last()}
     if pair.n_kept < pair.n_dof:
         kept = ", ".join(map(str, range(1, pair.n_kept + 1)))
         groups["output"].append(f"dofs = {kept}  ! without the modes of the reduction")
+    elif pair.n_dof > _MOST_NAMED and len(named) < pair.n_dof:
+        kept = ", ".join(str(i + 1) for i in sorted(map(pair.position, named)))
+        groups["output"].append(f"dofs = {kept}  ! of joints and forces; 0: all")
     sizes = f"{pair.n_dof} dofs, joints: {len(joints)}"
     parts = [f"! {options.title}: {sizes}. Put your own values where EXAMPLE stands."]
     for name, lines in groups.items():

@@ -364,6 +364,26 @@ def test_the_mass_is_that_of_the_whole_model(capsys):
     assert "mass, direction 1: 2.5\n" in capsys.readouterr().out
 
 
+def test_a_large_scene_keeps_the_spectra_of_joints_and_forces(tmp_path):
+    """All 800 of a finite element model took a minute of statistics, and most of the file."""
+    np.savez(
+        tmp_path / "row.npz", M=np.eye(70), K=2 * np.eye(70) - np.eye(70, k=1) - np.eye(70, k=-1)
+    )
+    source = f"{tmp_path / 'row.npz'}"
+    words = [
+        "import",
+        "--mass",
+        f"{source}:M",
+        "--stiffness",
+        f"{source}:K",
+        "--joint",
+        "35",
+        "12,50",
+    ]
+    assert main([*words, "--out", str(tmp_path / "row")]) == 0
+    assert re.search(r"^ +dofs = 12, 35, 50, 70 ", (tmp_path / "row/scene.nml").read_text(), re.M)
+
+
 def test_the_folder_has_what_structure_reads(tmp_path, beam_file):
     """Strict Matrix Market to the last digit; a line per joint; the load; the names of the dofs."""
     out = tmp_path / "beam"
