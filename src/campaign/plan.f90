@@ -17,7 +17,7 @@ module campaign_plan
 
    integer, parameter :: fewest_audited = 2             !! samples of an audit, if there are so many
    real(wp), parameter :: tolerance_ratio = 1.0e-3_wp   !! tolerance of audits over the scene's
-   real(wp), parameter :: least_tolerance = 1.0e-12_wp  !! smallest tolerance of the event method
+   real(wp), parameter :: reached = 1.0e-12_wp          !! tolerance that the event method reaches
    real(wp), parameter :: newmark_reference = 1.0e-9_wp !! tolerance of audits of Newmark's scheme
 
    !> One process under one excitation: n_samples structures that differ in friction only (and in
@@ -171,7 +171,8 @@ contains
 
       reference = integration
       reference%method = 'event'
-      reference%tolerance = max(tolerance_ratio*integration%tolerance, least_tolerance)
+      reference%tolerance = max(tolerance_ratio*integration%tolerance, &
+                                min(integration%tolerance, reached))
       if (integration%method == 'newmark') reference%tolerance = newmark_reference
    end function reference_for
 

@@ -95,7 +95,7 @@ contains
       type(joint_properties), intent(out) :: joints
       integer :: r
 
-      joints%stiffness = structure%joint_stiffness
+      allocate (joints%stiffness, source=structure%joint_stiffness)
       joints%gain = matmul(transpose(structure%direction), structure%modes_stuck)
       associate (rate => two_pi*structure%frequencies_stuck)
          joints%compliance = compliances(joints, rate, 0)

@@ -218,8 +218,8 @@ contains
       series%links = sparse_of(reshape([(structure%direction(:, first_joint(k)), &
                                          k=1, series%n_links)], &
                                        [series%n_links, series%n_dof], order=[2, 1]))
-      series%mobility = series%links%value/mass(series%links%column)
-      series%spring = series%h**2*structure%joint_stiffness
+      allocate (series%mobility, source=series%links%value/mass(series%links%column))
+      allocate (series%spring, source=series%h**2*structure%joint_stiffness)
       do j = 1, structure%n_joints
          i = series%row(j)
          if (i <= series%n_dof) series%spring(j) = series%spring(j)/mass(i)
