@@ -50,6 +50,10 @@ contains
              size(this%damping_ratio) == 0) return   ! refused
          call read_structure(paths, this%rayleigh, this%damping_ratio, scene%excitation%dof, &
                              scene%structure, reader%complaints)
+         call reader%require(any(size(this%damping_ratio) == [1, scene%structure%n_dof]) .or. &
+                             scene%structure%n_dof == 0, group, 'damping_ratio', &
+                             'must be one value, or one for each of the '// &
+                             to_text(scene%structure%n_dof)//' modes')
          if (reader%complaints%n > n_before) return
          scene%structure_label = label_of_structure(scene%structure, paths%damping /= '')
       end associate

@@ -27,12 +27,13 @@ module structure_files
 
 contains
 
-   !> Reads and completes a structure, which is valid if there are no new complaints. Without a load
-   !> file one force acts on `forced_dof`.
+   !> Reads and completes a structure, which is valid if there are no new complaints and
+   !> `damping_ratio` has one value, or one for each of its n_dof modes: else the caller complains.
+   !> Without a load file one force acts on `forced_dof`.
    subroutine read_structure(paths, rayleigh, damping_ratio, forced_dof, structure, complaints)
       type(structure_paths), intent(in) :: paths
       real(wp), intent(in) :: rayleigh(2)        !! alpha [1/s], beta [s]; zeros: not this damping
-      real(wp), intent(in) :: damping_ratio(:)   !! one, or one per mode, if no other damping
+      real(wp), intent(in) :: damping_ratio(:)   !! of each mode, if no other damping
       integer, intent(in) :: forced_dof          !! 0: the last dof
       type(structure_type), intent(out) :: structure
       type(complaint_list), intent(inout) :: complaints
@@ -46,18 +47,16 @@ contains
       damping%ratio = damping_ratio
       names%mass = paths%mass   ! by component: gfortran 12 misjudges the lengths in a constructor
       names%stiffness = paths%stiffness
-      names%damping = 'structure%damping_ratio'
       call read_symmetric(paths%mass, .true., structure%n_dof, structure%mass, complaints)
       call read_symmetric(paths%stiffness, .false., structure%n_dof, structure%stiffness, &
                           complaints)
-      if (paths%damping /= '') then
+      names%damping = paths%damping
+      if (paths%damping /= '') &
          call read_symmetric(paths%damping, .false., structure%n_dof, damping%matrix, complaints)
-         names%damping = paths%damping
-      end if
       if (complaints%n > n_before) return   ! n_dof may be unknown
       call read_joints(paths, structure, complaints)
       call read_load(paths%load, forced_dof, structure, complaints)
-      if (complaints%n > n_before) return
+      if (complaints%n > n_before .or. all(size(damping_ratio) /= [1, structure%n_dof])) return
       call build_structure(damping, names, structure, error)
       if (allocated(error)) call complaints%add_general(error%message)
    end subroutine read_structure

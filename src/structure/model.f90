@@ -143,9 +143,8 @@ contains
          structure%fastest_decay = damping%rayleigh(1) + damping%rayleigh(2) &
                                    *(two_pi*maxval(structure%frequencies_slip))**2
       else if (all(size(damping%ratio) /= [1, structure%n_dof])) then
-         call raise(error, exit_bad_input, name//': holds '//to_text(size(damping%ratio))// &
-                    ' values: must be one, or one for each of the '//to_text(structure%n_dof)// &
-                    ' modes')
+         call raise(error, exit_bad_input, name//': must be one value, or one for each of the '// &
+                    to_text(structure%n_dof)//' modes')
       else if (any(damping%ratio < 0.0_wp)) then
          call raise(error, exit_bad_input, name//': must be zero or positive')
       else
