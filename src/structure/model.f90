@@ -214,16 +214,16 @@ contains
       if (needs_modes) then
          call solve_symmetric_eigenproblem(stiffness, structure%mass, eigenvalues, error, modes)
          if (allocated(error)) return
-         if (are_stuck .and. eigenvalues(1) < -least_share*maxval(abs(eigenvalues))) then
-            call raise(error, exit_bad_input, name//': with all joints stuck, the least '// &
-                       'eigenvalue over M is '//brief(eigenvalues(1))//' 1/s^2: must not be '// &
-                       'negative, the structure would buckle')
-            return
-         end if
          if (are_stuck) call refine_modes(structure, eigenvalues, modes, error)
          if (allocated(error)) return
          call find_low_modes(are_stuck, name, structure, eigenvalues, modes, error)
          if (allocated(error)) return
+         if (are_stuck .and. minval(eigenvalues) < 0.0_wp) then
+            call raise(error, exit_bad_input, name//': with all joints stuck, the least '// &
+                       'eigenvalue over M is '//brief(minval(eigenvalues))//' 1/s^2: must not '// &
+                       'be negative, the structure would buckle')
+            return
+         end if
       end if
       allocate (frequencies, source=sign(sqrt(abs(eigenvalues)), eigenvalues)/two_pi)
       if (are_stuck) call move_alloc(modes, structure%modes_stuck)
