@@ -71,23 +71,29 @@ contains
    end subroutine count_open_slips
 
    !> Adds the way of a joint without friction over a step: that of the cubic through w.x and w.v at
-   !> both ends, which turns back once if the velocities have opposite signs.
+   !> both ends, which turns back at most twice.
    pure subroutine add_frictionless_slip(place, speed, account)
       real(wp), intent(in) :: place      !! w.x at the end of the step [m]
       real(wp), intent(in) :: speed(2)   !! w.v at its ends [m/step]
       type(slip_account), intent(inout) :: account
-      real(wp) :: bend, curve, rise, turn   ! w.v = speed(1) + 2 bend t + 3 curve t^2
+      real(wp) :: bend, curve, q, rise, turn(2)   ! w.v = speed(1) + 2 bend t + 3 curve t^2
+      real(wp) :: t(2)   ! times of the turns; 0 or 1 without them
 
       rise = place - account%slip_from
-      turn = 0.0_wp   ! w.x where it turns back, from the start
-      if (speed(1)*speed(2) < 0.0_wp) then
-         bend = 3.0_wp*rise - 2.0_wp*speed(1) - speed(2)
-         curve = speed(1) + speed(2) - 2.0_wp*rise
-         associate (t => speed(1)/(sign(sqrt(bend**2 - 3.0_wp*curve*speed(1)), speed(1)) - bend))
-            turn = t*(speed(1) + t*(bend + t*curve))
-         end associate
+      bend = 3.0_wp*rise - 2.0_wp*speed(1) - speed(2)
+      curve = speed(1) + speed(2) - 2.0_wp*rise
+      q = bend**2 - 3.0_wp*curve*speed(1)
+      turn = rise
+      if (q > 0.0_wp) then
+         q = -bend - sign(sqrt(q), bend)   ! the zeros of w.v are speed(1)/q and q/(3 curve)
+         t = 1.0_wp
+         if (abs(speed(1)) < abs(q)) t(1) = max(0.0_wp, speed(1)/q)
+         if (abs(q) < 3.0_wp*abs(curve)) t(2) = max(0.0_wp, q/(3.0_wp*curve))
+         if (t(1) > t(2)) t = t([2, 1])
+         turn = t*(speed(1) + t*(bend + t*curve))
       end if
-      account%slip_distance = account%slip_distance + (abs(turn) + abs(rise - turn))
+      account%slip_distance = account%slip_distance &
+                              + (abs(turn(1)) + abs(turn(2) - turn(1)) + abs(rise - turn(2)))
       account%slip_from = place
    end subroutine add_frictionless_slip
 
