@@ -4,6 +4,7 @@ module config_groups_motion
    use campaign_plan, only: case_type, excitation_settings, integration_settings
    use config_text_value_table, only: entry_type, interval, not_negative, positive, visitor_type
    use core_kinds, only: wp
+   use dynamics_exact_march, only: least_tolerance
    use dynamics_newmark_march, only: most_halvings
    use structure_model, only: most_dofs
    implicit none(type, external)
@@ -202,7 +203,7 @@ contains
          is_used=self%method == 'newmark'))
       call visitor%visit(self%tolerance, entry_type('tolerance', &
          'event: error of a displacement relative to its rms', &
-         rule=interval(0.0_wp, 1.0_wp, is_open=.true.), is_used=self%method == 'event'))
+         rule=interval(least_tolerance, 1.0_wp), is_used=self%method == 'event'))
    end subroutine visit_integration
 
 end module config_groups_motion

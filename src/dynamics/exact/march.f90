@@ -14,12 +14,16 @@ module dynamics_exact_march
    use structure_model, only: structure_type
    implicit none(type, external)
    private
-   public :: check_exact, exact_march, fewest_parts, new_exact_march
+   public :: check_exact, exact_march, fewest_parts, least_tolerance, new_exact_march
 
    integer, parameter :: most_parts = 4096   !! parts of a step; more are refused
+   real(wp), parameter :: least_tolerance = 1.0e-13_wp
    !> Fastest rate times a part up to which modes keep any tolerance: in 4096 parts (M7) is below
    !> 1e-13 for kappa <= 100 rho^2, and its blocks need not be found
    real(wp), parameter :: certain_part = 1.0e-3_wp
+   !> Fastest rate times a step, at most: modes know the phase of a step to 1e-16 of it, and (M7)
+   !> does not see errors below 1e-14 of kappa = rho^2, which are those of a part with rho > 1e7
+   real(wp), parameter :: most_phase = 1.0e9_wp
 
 contains
 
@@ -54,15 +58,17 @@ contains
 
       if (.not. dt > 0.0_wp) then
          call raise(error, exit_bad_input, 'integration%dt = '//to_text(dt)//': must be positive')
-      else if (.not. (tolerance > 0.0_wp .and. tolerance < 1.0_wp)) then
+      else if (.not. (tolerance >= least_tolerance .and. tolerance <= 1.0_wp)) then
          call raise(error, exit_bad_input, 'integration%tolerance = '//to_text(tolerance)// &
-                    ': must be between 0 and 1')
+                    ': must be from '//brief(least_tolerance)//' to 1')
       else
          longest = dt
          if (structure%has_lumped_mass()) then
             longest = most_parts*longest_part/fastest_rate(structure)
          else if (fastest_rate(structure)*dt > most_parts*certain_part) then
-            call longest_in_parts(structure, most_parts, dt, tolerance, longest, error)
+            call longest_in_parts(structure, most_parts, &
+                                  min(dt, most_phase/fastest_rate(structure)), tolerance, &
+                                  longest, error)
             if (allocated(error)) return
          end if
          if (dt > longest) call raise(error, exit_bad_input, &

@@ -21,7 +21,6 @@ module dynamics_exact_modal_ledger
    type :: modal_ledger
       logical :: is_ready = .false.
       integer, private :: ports = 1
-      real(wp), private :: scale = 0.0_wp                !! 1/h^2 [1/s^2]
       !> (item, force, 0:1, block) factors of the integrals of X' and of t X', X where a force acts
       real(wp), allocatable, private :: motion(:, :, :, :)
       !> (1:2, pair) pairs of blocks: each with itself and then with those that N couples it with;
@@ -53,7 +52,6 @@ contains
       n_modes = size(damping, 1)
       self%is_ready = .true.
       self%ports = blocks%ports
-      self%scale = 1.0_wp/h**2
       outputs = transpose(blocks%outputs(transpose(load), .false.))   ! (row, force)
       metric = blocks%metric(damping)
       largest = norm2(blocks%inverse, 2)
@@ -79,6 +77,8 @@ contains
             end associate
          end do
       end do
+      self%form = self%form/h**2   ! [1/part^2] to [1/s^2]
+      self%motion = self%motion/h**2
    end subroutine prepare
 
    !> Finds the form of one or two blocks: the integral W of exp(A't) N exp(At) over a part, by its
@@ -179,8 +179,8 @@ contains
             call add_form(n, .false., self%form(:, :, e), first, second, lost)
          end if
       end do
-      work(:, 1) = work(:, 1) + self%scale*done
-      work(:, 2) = work(:, 2) + self%scale*lost
+      work(:, 1) = work(:, 1) + done
+      work(:, 2) = work(:, 2) + lost
 
    contains
 

@@ -85,10 +85,9 @@ contains
          if (k > 0) motion = motion*series%rate/(k + 1)
          if (k == 2) load = load/3.0_wp
          if (k > 2) load = load*series%rate/(k + 1)
-         associate (least => min(2.5_wp*error/motion, 0.1_wp*tolerance/load))
-            call add_power(series%powers, k, series%degree, series%n_rows, stiffness, &
-                           merge(damping, 0.0_wp, share > least), series%load)
-         end associate
+         call add_power(series%powers, k, series%degree, series%n_rows, stiffness, &
+                        merge(damping, 0.0_wp, share*motion > 2.5_wp*error .or. &
+                              share*load > 0.1_wp*tolerance), series%load)
       end do
    end subroutine new_series
 
