@@ -147,8 +147,8 @@ contains
       associate (bands => self%bands)
          call world%add_up(size(bands%influence), bands%influence)
          call world%add_up(size(bands%bias), bands%bias)
-         if (allocated(bands%batches%variance)) &
-            call world%add_up(size(bands%batches%variance), bands%batches%variance)
+         if (allocated(bands%in_batches)) &
+            call world%add_up(size(bands%in_batches), bands%in_batches)
       end associate
       call join_columns(world, stored, self, .true., self%bands%columns, error)
       if (.not. allocated(error)) call self%bands%finish(statistics)
@@ -300,7 +300,7 @@ contains
             call attend_to_others()
             allocate (psd(n_dof, min(n_at_once, last - f + 1), n_samples))
             call stored%read_part(self%number, 'psd', [1, f, first], psd, error)
-            if (.not. allocated(error) .and. allocated(bands%batches%variance)) then
+            if (.not. allocated(error) .and. allocated(bands%in_batches)) then
                place = bands%first_of_power(f)
                allocate (power(n_dof, bands%first_of_power(f + size(psd, 2) - 1) + n_batches &
                                - place, n_samples))

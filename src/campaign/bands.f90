@@ -7,18 +7,25 @@
 !> logarithm. Biases (percentiles of few samples lie inward) are summed too, and their squares are
 !> included in the squared errors.
 !>
+!> Time-average errors come from consecutive batches of the march. The force record that the samples
+!> share changes the response of all of them, and more samples do not average that out. A percentile
+!> changes as the samples near its rank do on average; the deviations of single samples from that
+!> are in the Monte Carlo errors. So the density of a percentile in a batch is estimated as that of
+!> the whole march times the mean, over the samples in the 95 % interval of its rank, of the power
+!> of a sample in this batch over its mean power in all batches, within a range of frequencies. Full
+!> spectra of every batch would take eight times the memory.
+!>
 !> Memory does not grow with n_samples: spectra are added by ranges of frequencies and groups of
 !> samples, and the influences of neighbouring samples are summed in bins.
 !>
 !> Ranks may add different ranges and groups: columns%sums, columns%at, influence, bias and
-!> batches%variance are then summed over the ranks. Groups are joined in their order, so the results
-!> have the same bits on any number of ranks; columns%at has them after the selection.
+!> in_batches are then summed over the ranks. Groups are joined in their order, so the results have
+!> the same bits on any number of ranks; columns%at has them after the selection.
 module campaign_bands
-   use campaign_band_batches, only: batch_collector, not_a_number, start_batches
    use campaign_columns, only: column_collector, high, low, start_columns
    use campaign_results, only: case_statistics
-   use core_kinds, only: wp
-   use numerics_correlated, only: n_batches
+   use core_kinds, only: long, wp
+   use numerics_correlated, only: error_of_batches, n_batches
    use numerics_spectrum, only: last_of_ranges
    use statistics_estimates, only: estimates_type, plain_mean, plain_percentile, stated_error, &
                                    statistic_type, normal_95
@@ -28,6 +35,8 @@ module campaign_bands
 
    integer, parameter :: most_bins = 512        !! number of bins of samples
    real(wp), parameter :: at_rest = 1.0e-30_wp  !! least density in logarithms, over the largest
+   !> Quiet NaN: ratio of two powers that are zero.
+   real(wp), parameter :: not_a_number = transfer(int(z'7FF8000000000000', long), 0.0_wp)
 
    !> Sums over the spectra of one case.
    type :: band_collector
@@ -37,7 +46,9 @@ module campaign_bands
       !> the mean and the percentiles
       real(wp), allocatable :: influence(:, :, :, :, :)
       real(wp), allocatable :: bias(:, :, :, :)    !! (statistic, dof, slice, group) of integrals
-      type(batch_collector) :: batches             !! time-average errors
+      !> (batch; mean or percentile; dof; slice and group as one index) pseudo-variances [m^2]; not
+      !> allocated without power series
+      real(wp), allocatable :: in_batches(:, :, :, :)
       integer, private :: bin_width = 1            !! number of samples of a bin
       real(wp), private :: step = 0.0_wp           !! frequency step [Hz]
       integer, allocatable, private :: last_of_range(:)   !! (range) as in last_of_ranges
@@ -74,8 +85,8 @@ contains
                    collector%bias(n, n_dof, n_slices, n_groups), source=0.0_wp)
       end associate
       if (.not. present(follows_power)) return
-      if (follows_power) &
-         call start_batches(size(percentiles), n_dof, n_slices*n_groups, collector%batches)
+      if (follows_power) allocate (collector%in_batches(n_batches, 1 + size(percentiles), n_dof, &
+                                                        n_slices*n_groups), source=0.0_wp)
    end subroutine start_bands
 
    !> Adds the spectra of a group of samples at frequencies first, first + 1, ... of one slice.
@@ -123,9 +134,10 @@ contains
          rank = self%columns%ranks_in_group(size(psd, 3))
          do f = 1, size(psd, 2)
             place = self%first_of_power(first + f - 1) - self%first_of_power(first)
-            call self%batches%add((group - 1)*size(self%bias, 3) + slice, dof, density(:, f), &
-                                  ranking(:, f), power(dof, place + 1:place + n_batches, :), &
-                                  weight*curve(f, :), rank(:, low), rank(:, high))
+            call add_to_batches(density(:, f), ranking(:, f), &
+                                power(dof, place + 1:place + n_batches, :), weight*curve(f, :), &
+                                rank(:, low:high), &
+                                self%in_batches(:, :, dof, (group - 1)*size(self%bias, 3) + slice))
          end do
       end do
    end subroutine add
@@ -152,13 +164,41 @@ contains
       end do
    end subroutine add_to_bins
 
+   !> Adds the pseudo-variances of one dof at one frequency in the batches.
+   pure subroutine add_to_batches(density, ranking, power, curve, near, variance)
+      real(wp), intent(in) :: density(:)   !! (sample) [m^2/Hz]
+      integer, intent(in) :: ranking(:)    !! samples in ascending order of density
+      real(wp), intent(in) :: power(:, :)  !! (batch, sample) in the range of the frequency
+      real(wp), intent(in) :: curve(:)     !! mean and percentiles times frequency step [m^2]
+      real(wp), intent(in) :: near(:, :)   !! (percentile; lower or upper end) interval of its rank
+      real(wp), intent(inout) :: variance(:, :)   !! (batch; mean or percentile) [m^2]
+      ! relative: power of a sample over its mean of all batches
+      real(wp) :: relative(n_batches, size(density)), weighted(n_batches)
+      integer :: i, p
+
+      relative = 1.0_wp
+      weighted = 0.0_wp
+      do i = 1, size(density)
+         if (sum(power(:, i)) > 0.0_wp) relative(:, i) = power(:, i)*(n_batches/sum(power(:, i)))
+         weighted = weighted + density(i)*relative(:, i)
+      end do
+      if (sum(density) > 0.0_wp) variance(:, 1) = variance(:, 1) + curve(1)*weighted/sum(density)
+      do p = 1, size(near, 1)
+         associate (samples => ranking(floor(near(p, 1)):ceiling(near(p, 2))))
+            variance(:, p + 1) = variance(:, p + 1) &
+                                 + curve(p + 1)*sum(relative(:, samples), 2)/size(samples)
+         end associate
+      end do
+   end subroutine add_to_batches
+
    !> Computes the statistics and the errors of pseudo-variances and band ratios after all
    !> frequencies of all ranks are added. A band ratio is NaN if the pseudo-variance of the first
-   !> percentile is 0.
+   !> percentile is 0, and its time-average error if that of any percentile is in a batch.
    pure subroutine finish(self, statistics)
       class(band_collector), intent(in) :: self
       type(case_statistics), intent(inout) :: statistics
-      integer :: dof, f
+      real(wp) :: variance(n_batches, self%columns%n_percentiles + 1)   ! (batch; mean, percentiles)
+      integer :: dof, f, s
 
       associate (n_dof => self%n_dof, nf => self%n_frequencies, np => self%columns%n_percentiles)
          allocate (statistics%psd(n_dof, nf, np + 1), statistics%psd_mean_freedoms(n_dof, nf), &
@@ -174,8 +214,19 @@ contains
                              sum(sum(self%bias(:, dof, :, :), 3), 2), &
                              statistics%pseudo_variances(dof, :), statistics%band_ratio_bias(dof))
          end do
+         if (.not. allocated(self%in_batches)) return
+         allocate (statistics%pseudo_variance_time_error(n_dof, np + 2))
+         do dof = 1, n_dof
+            variance = sum(self%in_batches(:, :, dof, :), 3)
+            associate (error => statistics%pseudo_variance_time_error(dof, :))
+               error(:np + 1) = [(error_of_batches(variance(:, s)), s=1, np + 1)]
+               error(np + 2) = not_a_number
+               if (minval(variance(:, 2:)) > 0.0_wp) &
+                  error(np + 2) = statistics%pseudo_variances(dof, np + 2)%value &
+                                  *error_of_batches(log(variance(:, np + 1)/variance(:, 2)))
+            end associate
+         end do
       end associate
-      if (allocated(self%batches%variance)) call self%batches%finish(statistics)
    end subroutine finish
 
    !> Computes the errors of the pseudo-variances of one dof, and its band ratio.
