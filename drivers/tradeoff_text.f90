@@ -7,7 +7,7 @@ module driver_tradeoff_text
    use io_tradeoff_results, only: tradeoff_findings
    use numerics_sorting, only: sort_order
    use process_model, only: process_model_type
-   use tradeoff_front, only: has_drawn_friction, meets_targets
+   use tradeoff_front, only: meets_targets
    use tradeoff_settings, only: reference_setting, setting_dt, setting_type
    use tradeoff_task_results, only: band_ratio, n_published, psd_mean, psd_percentiles, slip, &
                                     slip_std
@@ -61,7 +61,7 @@ contains
 
       associate (rows => found%settings, plan => found%plan, levels => found%tradeoff%levels)
          text = labelled('measured', counted(size(rows), 'setting', 'settings')//' on '// &
-                         counted(sum([(size(levels(k)%sample), k=1, size(levels))]), 'sample', &
+                         counted(sum([(size(levels(k)%samples), k=1, size(levels))]), 'sample', &
                                  'samples')//' at '//counted(size(levels), 'level', 'levels')// &
                          ' of force, '//to_text(found%tradeoff%plan%integration%n_steps)// &
                          ' steps each')// &
@@ -147,7 +147,7 @@ contains
          n_samples = maxval(plan%cases%n_samples)
          parts = reshape([errors%discretisation, errors%time, errors%samples], shape(parts))
          text = row_text(columns, columns)
-         do i = 1, merge(3, 2, has_drawn_friction(plan))
+         do i = 1, merge(3, 2, any(plan%cases%process > 0))
             associate (part => parts(:, i), spectrum => plan%output%spectrum)
                text = text//row_text(columns, '  '//names(i)//'|'//brief(part(slip))//'|'// &
                       known(part(slip_std), n_samples > 1)//'|'// &
@@ -175,7 +175,7 @@ contains
             remedy = 'integration%n_steps = '//brief(4.0_wp*plan%integration%n_steps)
             if (plan%excitation%kind == 'file') then
                remedy = remedy//', with a record as long'
-            else if (.not. plan%excitation%per_sample .and. has_drawn_friction(plan) .and. &
+            else if (.not. plan%excitation%per_sample .and. any(plan%cases%process > 0) .and. &
                      n_samples >= 4) then
                remedy = 'excitation%per_sample = .true. ('// &
                         brief(parts(slip, 2)/sqrt(1.0_wp*n_samples))//' points are left), or '// &

@@ -68,7 +68,7 @@ contains
       cost%form = shortest%form_of_march()
       own = own_setting(plan)
       own%work = shortest%marcher%work
-      cost%n_steps = steps_for(plan, [(size(levels(k)%sample), k=1, size(levels))], own, &
+      cost%n_steps = steps_for(plan, [(size(levels(k)%samples), k=1, size(levels))], own, &
                                most_seconds)
       call limit_steps(cost%n_steps, short)
       call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
@@ -134,14 +134,14 @@ contains
       if (allocated(error)) return
       cost%nanoseconds = cost%nanoseconds + share*nanoseconds
       cost%transitions = cost%transitions + share*sum(result%slip_starts + result%stick_starts) &
-                         /(real(plan%integration%n_steps, wp)*size(level%sample))
+                         /(real(plan%integration%n_steps, wp)*size(level%samples))
       if (allocated(result%psd)) cost%share_powerful = max( &
          cost%share_powerful, maxval([(last_powerful(sum(result%psd(dof, :, :), 2)), &
                                        dof=1, size(result%psd, 1))])/real(size(result%psd, 2), wp))
       if (.not. allocated(prepared%reference)) return
-      n = min(size(level%sample), maxval(plan%cases%n_samples, mask=plan%cases%audits > 0))
+      n = min(size(level%samples), maxval(plan%cases%n_samples, mask=plan%cases%audits > 0))
       audited = level
-      audited%sample = level%sample(:n)
+      audited%samples = level%samples(:n)
       audited%friction = level%friction(:, :n)
       audit = plan
       audit%integration = reference_for(plan%integration)
@@ -169,7 +169,7 @@ contains
 
       call march_level(plan, level, own_setting(plan), never, result, nanoseconds, error, prepared)
       if (allocated(error)) return
-      if (1.0e-9_wp*nanoseconds*plan%integration%n_steps*size(level%sample) > budget) return
+      if (1.0e-9_wp*nanoseconds*plan%integration%n_steps*size(level%samples) > budget) return
       call march_level(plan, level, own_setting(plan), never, result, again, error, prepared)
       nanoseconds = min(nanoseconds, again)
    end subroutine time_march

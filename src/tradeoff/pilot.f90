@@ -9,6 +9,7 @@ module tradeoff_pilot
    use campaign_runner, only: prepare_runner, runner_type
    use campaign_sample, only: never
    use campaign_size, only: memory_of_pilot, most_pilot_memory, pilot_segments
+   use campaign_study, only: block_range
    use core_error, only: error_type
    use core_kinds, only: wp
    use tradeoff_sample, only: assumed_transitions, level_type, march_level, only_slip_and_spectra
@@ -40,8 +41,11 @@ contains
       integer, allocatable :: every(:), marched(:)
       integer :: c, first, i, n, together, twin(size(plan%cases))
 
-      short = pilot_plan(plan)
-      n = short%integration%n_steps
+      short = only_slip_and_spectra(plan)   ! the plan of the pilot march
+      n = min(plan%integration%n_steps, (pilot_segments + 1)*plan%output%segment_length/2)
+      short%integration%n_steps = n
+      short%output%segment_length = min(plan%output%segment_length, n)
+      short%output%spectrum_every = 1
       call prepare_runner(short, file_force(:min(n, ubound(file_force, 1)), :), runner, error)
       if (allocated(error)) return
       twin = [(first_alike(plan, c), c=1, size(plan%cases))]
@@ -77,8 +81,7 @@ contains
       real(wp) :: nanoseconds
       integer :: i, kept
 
-      level%case_number = cases
-      level%sample = spread(1, 1, size(cases))
+      level%samples = [(block_range(cases(i), 1, 1), i=1, size(cases))]
       associate (plan => runner%plan, n => runner%plan%structure%n_forces)
          allocate (level%friction(plan%structure%n_joints, size(cases)), &
                    level%force(0:plan%integration%n_steps, n*size(cases)))
@@ -96,18 +99,6 @@ contains
             share(:, :, i) = sum(result%psd(:, kept + 1:, :), 2)/sum(result%psd, 2)
       end do
    end subroutine march_cases
-
-   !> Plan of the pilot march: short, with spectra of every step.
-   pure type(plan_type) function pilot_plan(plan) result(short)
-      type(plan_type), intent(in) :: plan
-
-      short = only_slip_and_spectra(plan)
-      associate (n_steps => short%integration%n_steps, output => short%output)
-         n_steps = min(n_steps, (pilot_segments + 1)*output%segment_length/2)
-         output%segment_length = min(output%segment_length, n_steps)
-         output%spectrum_every = 1
-      end associate
-   end function pilot_plan
 
    !> Number of the first case with the same force and mean friction as this one.
    pure integer function first_alike(plan, number)

@@ -30,8 +30,7 @@ module tradeoff_sample
       real(wp) :: strength = 0.0_wp            !! as in case_type
       integer :: n_all = 0                     !! number of the campaign's samples at this level
       real(wp) :: transitions = assumed_transitions   !! transitions of a sample in a step
-      integer, allocatable :: case_number(:)   !! (sample)
-      integer, allocatable :: sample(:)        !! (sample) sample number in its case
+      type(block_range), allocatable :: samples(:)   !! each a range of one
       real(wp), allocatable :: friction(:, :)  !! (joint, sample)
       real(wp), allocatable :: force(:, :)     !! (0:n_steps, 1 or sample) [N]
    end type level_type
@@ -73,15 +72,14 @@ contains
       type(level_type), intent(inout) :: level
       integer :: i, most, sample, width
 
-      allocate (level%case_number(0), level%sample(0))
+      allocate (level%samples(0))
       most = maxval(plan%cases(cases)%n_samples)
       width = min(block_width(plan), most)
       do sample = 1, most
          do i = 1, size(cases)
-            if (size(level%sample) == width) return
+            if (size(level%samples) == width) return
             if (sample > plan%cases(cases(i))%n_samples) cycle
-            level%case_number = [level%case_number, cases(i)]
-            level%sample = [level%sample, sample]
+            level%samples = [level%samples, block_range(cases(i), sample, sample)]
          end do
       end do
    end subroutine fill_block
@@ -97,43 +95,34 @@ contains
       real(wp), allocatable :: force(:, :)
       integer :: i, n
 
-      n = size(level%sample)
+      n = size(level%samples)
       if (present(models)) then
-         call draw_friction(plan, models, block_of(level), level%friction)
+         call draw_friction(plan, models, level%samples, level%friction)
       else
          allocate (level%friction(plan%structure%n_joints, n))
          do i = 1, n
-            level%friction(:, i) = substitute_friction(plan, level%case_number(i), level%sample(i))
+            level%friction(:, i) = substitute_friction(plan, level%samples(i))
          end do
       end if
       n = merge(n, 1, plan%excitation%per_sample)*plan%structure%n_forces
       allocate (force(0:plan%integration%n_steps, n))
-      call runner%force_of(level%case_number(1), 1, force)
+      call runner%force_of(level%samples(1)%case_number, 1, force)
       allocate (level%force(0:n_steps, n), source=force(:n_steps, :))
    end subroutine draw_level
 
-   !> Samples of a level, each as a range of one.
-   pure function block_of(level) result(block)
-      type(level_type), intent(in) :: level
-      type(block_range) :: block(size(level%sample))
-
-      block%case_number = level%case_number(:size(block))
-      block%first = level%sample
-      block%last = level%sample
-   end function block_of
-
    !> Independent friction values |mean + std z|, z normal, with the mean and standard deviation of
    !> the case's process.
-   pure function substitute_friction(plan, case_number, sample) result(friction)
+   pure function substitute_friction(plan, sample) result(friction)
       type(plan_type), intent(in) :: plan
-      integer, intent(in) :: case_number, sample
+      type(block_range), intent(in) :: sample   !! a range of one
       real(wp) :: friction(plan%structure%n_joints), values(plan%structure%n_points)
       type(stream_type) :: stream
 
       friction = plan%friction
-      associate (process => plan%cases(case_number)%process)
+      associate (process => plan%cases(sample%case_number)%process)
          if (process == 0) return
-         stream = new_stream(plan%seed, label_of(label_of('stand-in'), case_number), sample)
+         stream = new_stream(plan%seed, label_of(label_of('stand-in'), sample%case_number), &
+                             sample%first)
          call stream%normals(values)
          values = abs(plan%processes(process)%mean + plan%processes(process)%std*values)
          friction = values(plan%structure%friction_point)
@@ -200,7 +189,7 @@ contains
       short = with_setting(plan, setting)
       short%excitation%kind = 'file'
       short%excitation%per_sample = size(level%force, 2) > plan%structure%n_forces
-      short%cases = [case_type(n_samples=size(level%sample))]
+      short%cases = [case_type(n_samples=size(level%samples))]
       associate (n_steps => plan%integration%n_steps)
          call prepare_runner(short, resampled_force(level%force(:n_steps, :), setting), runner, &
                              error, prepared)
@@ -212,8 +201,8 @@ contains
             call move_alloc(runner%marcher, prepared%marcher)
             call move_alloc(runner%reference, prepared%reference)
          end if
-         if (allocated(error)) call name_sample(plan, block_of(level), error)
-         nanoseconds = 1.0e9_wp*(after - before)/(real(n_steps, wp)*size(level%sample))
+         if (allocated(error)) call name_sample(plan, level%samples, error)
+         nanoseconds = 1.0e9_wp*(after - before)/(real(n_steps, wp)*size(level%samples))
       end associate
    end subroutine march_level
 

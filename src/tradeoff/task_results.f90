@@ -44,55 +44,44 @@ module tradeoff_task_results
 
 contains
 
-   !> Computes the errors of a march against the reference of the same samples.
+   !> Computes the errors of a march against the reference of the same samples: of slip fractions
+   !> the largest over the cases of a level. The standard error of an error from one sample of
+   !> several is taken as large as the error.
    pure subroutine find_setting_errors(plan, level, tested, reference, found)
       type(plan_type), intent(in) :: plan
       type(level_type), intent(in) :: level
       type(block_result), intent(in) :: tested, reference
       real(wp), allocatable, intent(out) :: found(:, :)   !! as task_result%errors
       type(numerical_error) :: errors
-
-      allocate (found(n_published, 2), source=0.0_wp)
-      call compare_cases(level, plan%cases%n_samples, tested%slip_fraction, &
-                         reference%slip_fraction, found)
-      if (.not. plan%output%spectrum) return
-      call compare_spectra(tested%psd, reference%psd, plan%output%percentiles, level%n_all, errors)
-      found(psd_mean, 1) = maxval(errors%psd_mean%value)
-      if (size(level%sample) == 1) return
-      found(psd_percentiles, 1) = maxval(errors%psd_percentiles%value)
-      found(band_ratio, 1) = band_ratio_error(errors)
-      found(band_ratio, 2) = found(band_ratio, 1) + 2*maxval(errors%band_ratio%error)
-   end subroutine find_setting_errors
-
-   !> Computes the largest errors of slip fractions over the cases of a level. The standard error of
-   !> an error from one sample of several is taken as large as the error.
-   pure subroutine compare_cases(level, n_samples, tested, reference, found)
-      type(level_type), intent(in) :: level
-      integer, intent(in) :: n_samples(:)       !! (case)
-      real(wp), intent(in) :: tested(:, :)      !! (joint, sample) slip fractions
-      real(wp), intent(in) :: reference(:, :)   !! (joint, sample)
-      real(wp), intent(inout) :: found(:, :)    !! as task_result%errors
-      type(numerical_error) :: errors
       real(wp) :: scatter
       integer, allocatable :: samples(:)
       integer :: c, i
 
-      do c = 1, size(n_samples)
-         samples = pack([(i, i=1, size(level%sample))], level%case_number == c)
+      allocate (found(n_published, 2), source=0.0_wp)
+      do c = 1, size(plan%cases)
+         samples = pack([(i, i=1, size(level%samples))], level%samples%case_number == c)
          if (size(samples) == 0) cycle
          errors = numerical_error()
-         call compare_slip(tested(:, samples), reference(:, samples), n_samples(c), errors)
+         call compare_slip(tested%slip_fraction(:, samples), reference%slip_fraction(:, samples), &
+                           plan%cases(c)%n_samples, errors)
          scatter = 0.0_wp
          if (size(samples) > 1) then
             scatter = maxval(errors%slip_rms%error)
             found(slip_std, 1) = max(found(slip_std, 1), maxval(abs(errors%slip_std%value)))
-         else if (n_samples(c) > 1) then
+         else if (plan%cases(c)%n_samples > 1) then
             scatter = slip_error(errors)
          end if
          found(slip, :) = max(found(slip, :), slip_error(errors) + [0.0_wp, 2*scatter])
          found(slip_mean, 1) = max(found(slip_mean, 1), maxval(abs(errors%slip_mean%value)))
       end do
-   end subroutine compare_cases
+      if (.not. plan%output%spectrum) return
+      call compare_spectra(tested%psd, reference%psd, plan%output%percentiles, level%n_all, errors)
+      found(psd_mean, 1) = maxval(errors%psd_mean%value)
+      if (size(level%samples) == 1) return
+      found(psd_percentiles, 1) = maxval(errors%psd_percentiles%value)
+      found(band_ratio, 1) = band_ratio_error(errors)
+      found(band_ratio, 2) = found(band_ratio, 1) + 2*maxval(errors%band_ratio%error)
+   end subroutine find_setting_errors
 
    !> Computes mean slip fractions, their standard deviations over samples, and band ratios.
    pure subroutine find_published_values(plan, result, found)

@@ -107,7 +107,7 @@ contains
       tradeoff%sample_steps = real(plan%integration%n_steps, wp)*sum(plan%cases%n_samples)
       if (.not. allocated(scope%variants)) allocate (tradeoff%scope%variants(0))
       call choose_levels(plan, tradeoff%levels)
-      width = sum([(size(tradeoff%levels(i)%sample), i=1, size(tradeoff%levels))])
+      width = sum([(size(tradeoff%levels(i)%samples), i=1, size(tradeoff%levels))])
       if (scope%for_table) then
          tradeoff%settings = all_settings(plan, plan%integration%n_steps >= 8*unit .and. &
                                           modulo(every, 2) == 0)
@@ -214,10 +214,10 @@ contains
             call march_level(plan, level, setting, should_stop, reference, nanoseconds, error)
             if (allocated(error) .or. reference%n_samples == 0) return
             level%transitions = sum(reference%slip_starts + reference%stick_starts) &
-                                /(real(plan%integration%n_steps, wp)*size(level%sample))
+                                /(real(plan%integration%n_steps, wp)*size(level%samples))
             measured = measured + nanoseconds
             expected = expected + expected_cost(setting, plan%structure%n_dof, &
-                                                size(level%sample), level%transitions)
+                                                size(level%samples), level%transitions)
          end associate
       end do
       if (expected > 0.0_wp) tradeoff%time_over_expected = measured/expected
@@ -235,7 +235,7 @@ contains
 
       associate (level => tradeoff%levels(1), dofs => kept_dofs(tradeoff%runner%plan))
          plan = shortened(tradeoff%plan, 1, &
-                          int(history_memory/(16.0_wp*size(dofs)*size(level%sample))))
+                          int(history_memory/(16.0_wp*size(dofs)*size(level%samples))))
          plan%output%dofs = dofs
          do k = 1, 2
             plan%output%history = k == 2
@@ -253,8 +253,8 @@ contains
       type(tradeoff_type), intent(inout) :: tradeoff
       type(task_type), allocatable :: tasks(:)
       real(wp), allocatable :: cost(:)
-      integer, allocatable :: order(:)
-      integer :: i, k, n_levels
+      integer, allocatable :: order(:), random(:)   ! random: cases with drawn friction
+      integer :: i, k, n, n_levels
 
       n_levels = size(tradeoff%levels)
       allocate (tradeoff%every(0), tradeoff%segment_length(0), tradeoff%cases(0))
@@ -266,7 +266,12 @@ contains
                        i=1, size(tradeoff%settings))]
       if (tradeoff%scope%is_statistical) then
          if (tradeoff%scope%has_settings) call choose_spectra(tradeoff)
-         call choose_cases(tradeoff)
+         associate (plan => tradeoff%plan)
+            random = pack([(i, i=1, size(plan%cases))], plan%cases%process > 0 .and. &
+                          [(case_width(tradeoff, i) > 1, i=1, size(plan%cases))])
+         end associate
+         n = min(most_cases, size(random))   ! evenly spaced among all with drawn friction
+         tradeoff%cases = [(random(1 + ((i - 1)*size(random))/n), i=1, n)]
          tasks = [tasks, ((task_type(batch_task, i, k), i=1, n_batches), k=1, n_levels), &
                   ((task_type(spectrum_task, i, k), i=1, size(tradeoff%every)), k=1, n_levels), &
                   (task_type(samples_task, i, 0), i=1, size(tradeoff%cases))]
@@ -304,7 +309,7 @@ contains
       integer :: n
 
       setting = tradeoff%common_setting
-      if (task%level > 0) n_samples = size(tradeoff%levels(task%level)%sample)
+      if (task%level > 0) n_samples = size(tradeoff%levels(task%level)%samples)
       select case (task%kind)
       case (setting_task)
          plan = tradeoff%plan
@@ -350,7 +355,7 @@ contains
       integer :: k, length
 
       if (.not. tradeoff%long_plan%output%spectrum) return
-      if (all([(size(tradeoff%levels(k)%sample) == 1, k=1, size(tradeoff%levels))])) return
+      if (all([(size(tradeoff%levels(k)%samples) == 1, k=1, size(tradeoff%levels))])) return
       associate (own => tradeoff%long_plan%output%segment_length, &
                  every => tradeoff%long_plan%output%spectrum_every)
          do k = 0, 4
@@ -367,19 +372,6 @@ contains
          end do
       end associate
    end subroutine choose_spectra
-
-   !> Chooses the cases of the samples tasks: at most most_cases with drawn friction, evenly spaced
-   !> among all.
-   pure subroutine choose_cases(tradeoff)
-      type(tradeoff_type), intent(inout) :: tradeoff
-      integer, allocatable :: random(:)
-      integer :: i, n
-
-      random = pack([(i, i=1, size(tradeoff%plan%cases))], tradeoff%plan%cases%process > 0 .and. &
-                    [(case_width(tradeoff, i) > 1, i=1, size(tradeoff%plan%cases))])
-      n = min(most_cases, size(random))
-      tradeoff%cases = [(random(1 + ((i - 1)*size(random))/n), i=1, n)]
-   end subroutine choose_cases
 
    !> Number of samples of a case that are marched for its Monte Carlo error: a block, or as many as
    !> have a given record or given values.

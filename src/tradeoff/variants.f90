@@ -2,7 +2,7 @@
 !> lengths of the simulated series that positive processes are fitted to.
 !>
 !> Each variant is fitted and its friction marched with the same random numbers and force
-!> (tradeoff_effects). Entropy and the correlation length that is not imposed depend on the
+!> (tradeoff_front). Entropy and the correlation length that is not imposed depend on the
 !> autocovariance alone: compare_orders computes them without a march, from the process without sign
 !> constraint.
 module tradeoff_variants
@@ -162,26 +162,20 @@ contains
       end do
    end subroutine add
 
-   !> Number of the first process of the same kind with the largest std over mean.
+   !> Number of the first process with the largest std over mean among those that friction is drawn
+   !> from and that differ at most in order, mean or std.
    pure integer function representative(plan, process)
       type(plan_type), intent(in) :: plan
       integer, intent(in) :: process
-      logical :: is_candidate(size(plan%processes))
       integer :: i
 
-      is_candidate = [(share_variants(plan%processes(i), plan%processes(process)) .and. &
-                       any(plan%cases%process == i), i=1, size(is_candidate))]
-      representative = maxloc(plan%processes%std/max(abs(plan%processes%mean), &
-                                                     tiny(1.0_wp)), 1, mask=is_candidate)
+      associate (all => plan%processes, own => plan%processes(process))
+         representative = maxloc(all%std/max(abs(all%mean), tiny(1.0_wp)), 1, &
+                                 mask=same_kind(all, own) .and. (all%positive .eqv. own%positive) &
+                                 .and. (all%sampler == own%sampler .or. .not. own%positive) &
+                                 .and. [(any(plan%cases%process == i), i=1, size(all))])
+      end associate
    end function representative
-
-   !> True if two processes differ at most in order, mean or std, so that they share variants.
-   pure logical function share_variants(a, b)
-      type(process_request), intent(in) :: a, b
-
-      share_variants = same_kind(a, b) .and. (a%positive .eqv. b%positive) .and. &
-                       (a%sampler == b%sampler .or. .not. a%positive)
-   end function share_variants
 
    !> Lets all sequential samplers start the same number of values before the first point. The same
    !> random numbers then give the same points.
