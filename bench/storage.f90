@@ -2,9 +2,8 @@
 !> and of several, and what a group of samples takes in the merge.
 program storage
    use campaign_bands, only: band_collector, start_bands
-   use campaign_columns, only: column_collector, high, low, middle, start_columns
+   use campaign_columns, only: column_collector, high, low, middle, selection_type, start_columns
    use campaign_results, only: block_result
-   use campaign_selection, only: selection_type
    use campaign_time_average, only: span_collector, start_spans
    use core_error, only: error_type
    use core_kinds, only: wp

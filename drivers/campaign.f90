@@ -24,30 +24,22 @@ contains
       type(complaint_list) :: complaints
 
       call read_scene(line%scene, line%overrides, scene, complaints)
-      if (complaints%n == 0 .and. scene%force_is_hdf5) call read_hdf5_force(scene, complaints)
+      if (complaints%n == 0 .and. scene%force_is_hdf5) then
+         call read_force_hdf5(scene%force_path, scene%integration%dt, scene%force, error)
+         if (allocated(error)) then
+            call complaints%add_general(error%message)
+         else   ! it is checked as one in text form
+            scene%n_force_values = size(scene%force, 1)
+            scene%force_label = force_label(scene%force)
+            call check_force(scene%force_path, scene%force, scene%integration%n_steps, &
+                             scene%n_forces(), merge(max(scene%campaign%n_samples, 1), 0, &
+                                                     scene%excitation%per_sample), complaints)
+         end if
+      end if
       if (complaints%n == 0) call build_plan(scene, plan, complaints)
       if (complaints%n > 0) call raise(error, exit_bad_input, complaints%text)
       if (.not. allocated(scene%force)) allocate (scene%force(0:0, 0))
    end subroutine load_plan
-
-   !> Reads an HDF5 force file, and checks it as one in text form.
-   subroutine read_hdf5_force(scene, complaints)
-      type(scene_type), intent(inout) :: scene
-      type(complaint_list), intent(inout) :: complaints
-      type(error_type), allocatable :: error
-
-      call read_force_hdf5(scene%force_path, scene%integration%dt, scene%force, error)
-      if (allocated(error)) then
-         call complaints%add_general(error%message)
-         return
-      end if
-      scene%n_force_values = size(scene%force, 1)
-      scene%force_label = force_label(scene%force)
-      call check_force(scene%force_path, scene%force, scene%integration%n_steps, &
-                       scene%n_forces(), &
-                       merge(max(scene%campaign%n_samples, 1), 0, scene%excitation%per_sample), &
-                       complaints)
-   end subroutine read_hdf5_force
 
    !> Refuses a plan with motion if any process has no solution, and one without if none has.
    subroutine refuse_unsolved(plan, models, error)

@@ -56,14 +56,19 @@ contains
       type(command_line), intent(out) :: line
       type(error_type), allocatable, intent(out) :: error
       character(:), allocatable :: word, value
-      integer :: i
+      integer :: equals, i
 
       line%overrides = ''
       i = 0
       do while (i < command_argument_count())
          i = i + 1
          word = argument(i)
-         call split_value(word, value)
+         if (allocated(value)) deallocate (value)
+         equals = index(word, '=')
+         if (equals >= 4 .and. index(word, '--') == 1) then   ! --name=value
+            value = word(equals + 1:)
+            word = word(:equals - 1)
+         end if
          where (names_in(options) == word) line%is_given = .true.
          if (any(word == pack(names_in(options), takes_value(options)))) then
             if (.not. allocated(value)) then
@@ -104,18 +109,6 @@ contains
 
       has = any(self%is_given .and. names_in(options) == option)
    end function has
-
-   !> Splits --name=value into name and value. Leaves the value unallocated for any other word.
-   pure subroutine split_value(word, value)
-      character(:), allocatable, intent(inout) :: word
-      character(:), allocatable, intent(out) :: value
-      integer :: equals
-
-      equals = index(word, '=')
-      if (equals < 4 .or. index(word, '--') /= 1) return
-      value = word(equals + 1:)
-      word = word(:equals - 1)
-   end subroutine split_value
 
    !> Stores the value of an option.
    subroutine store_value(line, option, value, error)

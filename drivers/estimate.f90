@@ -23,7 +23,8 @@ module driver_estimate
 
 contains
 
-   !> Runs the command `estimate`; only the root works.
+   !> Runs the command `estimate`; only the root works. Prints the estimates, and prints or writes
+   !> the group.
    subroutine estimate(line)
       type(command_line), intent(in) :: line
       type(world_type) :: world
@@ -49,29 +50,20 @@ contains
             if (allocated(error)) error%message = line%scene//': '//error%message
          end if
          call progress%finish()
-         if (.not. allocated(error)) call write_estimate(line, found, error)
+         if (.not. (allocated(error) .or. line%has('--quiet'))) call say(estimates_text(found))
+         if (.not. allocated(line%output)) then
+            if (.not. allocated(error)) call say(group_text(line%scene, found))
+         else
+            if (.not. allocated(error)) call make_folder(folder_of(line%output), error)
+            if (.not. allocated(error)) &
+               call write_new_file(line%output, group_text(line%scene, found), error)
+            if (.not. (allocated(error) .or. line%has('--quiet'))) &
+               call say(plot_commands(line%scene, line%output, found))
+         end if
       end if
       call world%stop_on(error)
       call stop_world(exit_done)
    end subroutine estimate
-
-   !> Prints the estimates, and prints the group or writes it to --output.
-   subroutine write_estimate(line, found, error)
-      type(command_line), intent(in) :: line
-      type(process_estimate_type), intent(in) :: found
-      type(error_type), allocatable, intent(out) :: error
-
-      if (.not. line%has('--quiet')) call say(estimates_text(found))
-      if (.not. allocated(line%output)) then
-         call say(group_text(line%scene, found))
-      else
-         call make_folder(folder_of(line%output), error)
-         if (.not. allocated(error)) &
-            call write_new_file(line%output, group_text(line%scene, found), error)
-         if (.not. (allocated(error) .or. line%has('--quiet'))) &
-            call say(plot_commands(line%scene, line%output, found))
-      end if
-   end subroutine write_estimate
 
    !> Lines with the estimates, their errors, and whether the process explains the values.
    pure function estimates_text(found) result(text)

@@ -189,12 +189,19 @@ contains
       type(output_type), intent(inout) :: output
       logical, intent(out) :: has_more
       type(error_type), allocatable, intent(out) :: error
-      type(case_estimates) :: estimates(size(plan%cases))
+      type(stored_samples) :: stored
+      type(case_statistics) :: statistics(size(plan%cases))
+      type(case_estimates) :: estimates(size(plan%cases))   ! on the root
       integer, allocatable :: n_samples(:)
 
       has_more = .false.
       if (.not. plan%accuracy%sample_until_met) return
-      call estimate_slip(plan, models, output, estimates, error)
+      call output%list_stored(plan, stored, error)
+      if (output%world%any_true(allocated(error))) return
+      call find_statistics(output%world, plan, stored, statistics, error)
+      if (output%world%any_true(allocated(error))) return
+      call find_estimates(output%world, plan, models, stored, [real(wp) ::], statistics, &
+                          estimates, error)
       if (output%world%any_true(allocated(error))) return
       n_samples = plan%cases%n_samples
       if (output%world%is_root()) call choose_samples(plan, increment, estimates, n_samples)
@@ -205,24 +212,6 @@ contains
       call add_audits(plan)
       call output%update_finished(plan, error)
    end subroutine add_samples
-
-   !> Computes the best estimates of the slip fractions from the stored samples. Collective.
-   subroutine estimate_slip(plan, models, output, estimates, error)
-      type(plan_type), intent(in) :: plan
-      type(process_model_type), intent(in) :: models(:)
-      type(output_type), intent(in) :: output
-      type(case_estimates), intent(out) :: estimates(:)   !! (case) on the root
-      type(error_type), allocatable, intent(out) :: error
-      type(stored_samples) :: stored
-      type(case_statistics) :: statistics(size(plan%cases))
-
-      call output%list_stored(plan, stored, error)
-      if (output%world%any_true(allocated(error))) return
-      call find_statistics(output%world, plan, stored, statistics, error)
-      if (output%world%any_true(allocated(error))) return
-      call find_estimates(output%world, plan, models, stored, [real(wp) ::], statistics, &
-                          estimates, error)
-   end subroutine estimate_slip
 
    !> Chooses the new number of samples of each case.
    subroutine choose_samples(plan, increment, estimates, n_samples)

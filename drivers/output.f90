@@ -1,5 +1,6 @@
 !> The output of a run: its lock, the finished samples that an earlier run left, and its end.
 module driver_output
+   use, intrinsic :: iso_fortran_env, only: compiler_version
    use campaign_plan, only: add_audits, plan_type
    use campaign_pooling, only: estimators_of, find_pools
    use campaign_results, only: block_result
@@ -7,6 +8,7 @@ module driver_output
    use campaign_samples_needed, only: needs_more_samples, slip_error_of
    use campaign_size, only: refuse_long_lists
    use campaign_study, only: block_range
+   use config_fingerprint, only: canonical_text, fingerprint
    use config_plan, only: scene_name
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_file, raise
@@ -14,15 +16,18 @@ module driver_output
    use core_source, only: is_folder
    use core_terminal, only: say_line => say
    use core_text, only: counted, to_text
+   use driver_build_info, only: architecture, compiler_flags, git_commit, version
    use driver_command_line, only: command_line
-   use driver_provenance, only: identity_of
    use io_earlier_results, only: case_errors, count_stored_samples, has_realizations, read_errors, &
                                  refuse_replacement, stored_in_results
    use io_files, only: exists, follow_links, remove_file
+   use io_hdf5, only: hdf5_file, hdf5_object
+   use io_identity, only: identity_type
    use io_lock, only: lock_type, take_lock
    use io_shards, only: finished_samples, list_shards, sort_shards, shard_path, read_shard, &
                         remove_merged_shards, shard_type, stored_samples
-   use io_store, only: new_store, remove_leftovers, remove_store, shard_store
+   use io_store, only: create_unfinished, discard_file, new_store, remove_leftovers, &
+                       remove_store, shard_store
    use parallel_world, only: stop_world, world_type
    implicit none(type, external)
    private
@@ -49,6 +54,7 @@ module driver_output
       procedure :: update_finished
       procedure :: list_stored
       procedure :: verify
+      procedure :: begin_file
       procedure :: say
       procedure :: stop_on
       procedure :: end_run
@@ -80,6 +86,7 @@ contains
       type(scene_type), intent(in) :: scene
       character(*), intent(in) :: ending
       type(output_type), intent(inout) :: output
+      type(identity_type) :: identity
       type(error_type), allocatable :: error
 
       output%path = scene_name(line%scene)//ending
@@ -91,7 +98,12 @@ contains
       output%world = world
       output%scene = scene%text
       output%overrides = line%overrides
-      output%store = new_store(output%path, identity_of(scene, line%command))
+      identity%settings = canonical_text(scene)
+      identity%fingerprint = fingerprint(scene)
+      identity%version = version//' ('//git_commit//')'
+      identity%architecture = architecture//', '//compiler_version()
+      identity%command = line%command
+      output%store = new_store(output%path, identity)
       output%is_quiet = line%has('--quiet') .or. .not. world%is_root()
    end subroutine name_output
 
@@ -304,6 +316,43 @@ contains
          if (allocated(error)) return
       end do
    end subroutine verify
+
+   !> Creates the results file and writes its provenance as attributes. Nothing else in a results
+   !> file differs between two equal runs.
+   subroutine begin_file(self, plan, file, error)
+      class(output_type), intent(in) :: self
+      type(plan_type), intent(in) :: plan
+      type(hdf5_file), intent(out) :: file
+      type(error_type), allocatable, intent(out) :: error
+      type(hdf5_object) :: root
+
+      call create_unfinished(self%path, self%store%identity, file, error)
+      if (allocated(error)) return
+      root = hdf5_object(file, '/')
+      call root%attribute('seed', plan%seed)
+      call root%attribute('n_ranks', self%world%n_ranks)
+      call root%attribute('title', plan%title)
+      call root%attribute('scene', self%scene)
+      call root%attribute('overrides', self%overrides(:len(self%overrides) - 1))
+      call root%attribute('git_commit', git_commit)
+      call root%attribute('compiler', compiler_version())
+      call root%attribute('flags', compiler_flags)
+      call root%attribute('created', now())
+      call root%take_error(error)
+      if (allocated(error)) call discard_file(file)
+   end subroutine begin_file
+
+   !> Date and time with the offset from UTC (ISO 8601).
+   function now() result(text)
+      character(:), allocatable :: text
+      character(5) :: zone
+      character(8) :: date
+      character(10) :: time
+
+      call date_and_time(date, time, zone)
+      text = date(1:4)//'-'//date(5:6)//'-'//date(7:8)//'T'//time(1:2)//':'//time(3:4)//':'// &
+             time(5:6)//zone(1:3)//':'//zone(4:5)
+   end function now
 
    !> True if this rank is to march a block: with --share, if no other run has claimed or stored it.
    function claim(self, block) result(is_ours)

@@ -34,6 +34,7 @@ contains
       type(runner_type) :: runner
       type(process_model_type), allocatable :: models(:)
       character(:), allocatable :: choice
+      character(64) :: ending   ! of the default name of the output: '_c007_s0042.h5'
       type(error_type), allocatable :: error, ignored
       integer :: p
 
@@ -45,7 +46,8 @@ contains
       call world%stop_on(error)
       call choose_setting(world, line%has('--quiet') .or. .not. world%is_root(), scene, plan, &
                           choice)
-      call open_new_output(world, line, scene, ending_of(line), output)
+      write (ending, '(a, i0.3, a, i0.4, a)') '_c', line%case_number, '_s', line%sample, '.h5'
+      call open_new_output(world, line, scene, trim(ending), output)
       plan%output%history = .true.
       plan%output%transitions = .true.
       plan%output%energy = .true.
@@ -92,15 +94,5 @@ contains
                     counted(plan%cases(line%case_number)%n_samples, 'sample', 'samples'))
       end if
    end subroutine check_sample
-
-   !> Ending of the default name of the output: '_c007_s0042.h5'.
-   pure function ending_of(line) result(ending)
-      type(command_line), intent(in) :: line
-      character(:), allocatable :: ending
-      character(64) :: buffer
-
-      write (buffer, '(a, i0.3, a, i0.4, a)') '_c', line%case_number, '_s', line%sample, '.h5'
-      ending = trim(buffer)
-   end function ending_of
 
 end module driver_replay

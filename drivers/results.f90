@@ -11,7 +11,6 @@ module driver_results
    use core_random, only: new_stream, stream_type
    use driver_deadline, only: seconds_so_far
    use driver_output, only: output_type
-   use driver_provenance, only: begin_results
    use driver_regression, only: find_estimates
    use driver_statistics, only: case_task, open_case
    use io_blocks, only: write_block
@@ -40,9 +39,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       type(hdf5_file) :: file
 
-      if (output%world%is_root()) &
-         call begin_results(output%store, plan, output%scene, output%overrides, &
-                            output%world%n_ranks, file, error)
+      if (output%world%is_root()) call output%begin_file(plan, file, error)
       if (output%world%any_true(allocated(error))) return
       if (output%world%is_root()) call write_processes(plan, models, file, error)
       if (.not. output%world%any_true(allocated(error)) .and. plan%has_structure) &
@@ -118,8 +115,7 @@ contains
          associate (task => tasks(modulo(k, 2)), number => numbers(k))
             if (output%world%is_root() .and. .not. allocated(error)) &
                call begin_group(plan, number, runner, stored, file, groups(number), error)
-            call task%compute_items(stored, error)
-            call task%close(output%world, plan, stored, statistics(number), error)
+            call task%finish(output%world, plan, stored, statistics(number), error)
             if (output%world%any_true(allocated(error))) return
             if (k < size(numbers)) call open_task(k + 1)
             if (.not. output%world%is_root()) cycle

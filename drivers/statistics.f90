@@ -2,11 +2,10 @@
 !> with the number of samples.
 module driver_statistics
    use campaign_bands, only: band_collector, start_bands
-   use campaign_columns, only: column_collector, start_columns
+   use campaign_columns, only: column_collector, selection_type, start_columns
    use campaign_plan, only: kept_dofs, plan_type
    use campaign_results, only: block_result, case_statistics, n_quantities, numbers_of, &
                                spectrum_layout
-   use campaign_selection, only: selection_type
    use campaign_time_average, only: count_spans, fewest_spans, span_collector, start_spans
    use core_chunks, only: frequencies_together
    use core_error, only: error_type
@@ -22,9 +21,8 @@ module driver_statistics
    integer, parameter :: most_slices = 32       !! largest number of slices of the frequencies
    integer, parameter :: samples_at_once = 64   !! samples whose slip series are read at once
 
-   !> Statistics of one case: `open_case`, then every rank takes items when it has time, then
-   !> `close`. An item is a slice of the frequencies of a group of samples, or all numbers of a
-   !> group.
+   !> Statistics of one case: `open_case`, then `finish`, which every rank calls when it has time.
+   !> An item is a slice of the frequencies of a group of samples, or all numbers of a group.
    type :: case_task
       integer, private :: number = 0               !! case number
       logical, private :: has_spans = .false.      !! true with slip series
@@ -35,8 +33,7 @@ module driver_statistics
       type(span_collector), private :: spans
       type(work_counter), private :: counter
    contains
-      procedure :: compute_items
-      procedure :: close => close_case
+      procedure :: finish
    end type case_task
 
 contains
@@ -55,8 +52,7 @@ contains
       do i = 1, size(statistics)
          if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
          call open_case(world, plan, i, task, layout)
-         call task%compute_items(stored, error)
-         call task%close(world, plan, stored, statistics(i), error)
+         call task%finish(world, plan, stored, statistics(i), error)
          if (world%any_true(allocated(error))) return
       end do
    end subroutine find_statistics
@@ -94,10 +90,14 @@ contains
       call new_counter(world, (task%n_slices + 1)*task%numbers%n_groups, task%counter)
    end subroutine open_case
 
-   !> Computes items until none is left; an error of any rank ends this on all ranks.
-   subroutine compute_items(self, stored, error)
+   !> Computes items until none is left; an error of any rank ends this on all ranks. Then adds up
+   !> those of all ranks and finishes the statistics, equal on every rank. Collective.
+   subroutine finish(self, world, plan, stored, statistics, error)
       class(case_task), intent(inout) :: self
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(in) :: plan
       type(stored_samples), intent(in) :: stored
+      type(case_statistics), intent(inout) :: statistics
       type(error_type), allocatable, intent(inout) :: error
       integer :: group, item, slice
 
@@ -112,17 +112,6 @@ contains
             call add_slice(self, stored, group, slice, error)
          end if
       end do
-   end subroutine compute_items
-
-   !> Adds up the items of all ranks and finishes the statistics, equal on every rank. Collective.
-   subroutine close_case(self, world, plan, stored, statistics, error)
-      class(case_task), intent(inout) :: self
-      type(world_type), intent(in) :: world
-      type(plan_type), intent(in) :: plan
-      type(stored_samples), intent(in) :: stored
-      type(case_statistics), intent(inout) :: statistics
-      type(error_type), allocatable, intent(inout) :: error
-
       call self%counter%close()
       if (world%any_true(allocated(error)) .or. self%numbers%n_groups == 0) return   ! one sample
       call join_columns(world, stored, self, .false., self%numbers, error)
@@ -152,7 +141,7 @@ contains
       end associate
       call join_columns(world, stored, self, .true., self%bands%columns, error)
       if (.not. allocated(error)) call self%bands%finish(statistics)
-   end subroutine close_case
+   end subroutine finish
 
    !> Adds up columns, numbers or densities, over the ranks. With several groups of samples selects
    !> the percentiles of all samples, of enough frequencies at once to keep all ranks busy.

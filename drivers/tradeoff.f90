@@ -12,12 +12,10 @@ module driver_tradeoff
                               time_to_stop
    use driver_output, only: open_new_output, output_type
    use driver_processes, only: solve_processes
-   use driver_provenance, only: begin_results
    use driver_tradeoff_text, only: tradeoff_text
    use driver_trial_runs, only: measure_settings
    use io_hdf5, only: hdf5_file
    use io_results, only: finish_results
-   use io_store, only: discard_file
    use io_tradeoff_results, only: tradeoff_findings, write_tradeoff
    use parallel_world, only: start_world, world_type
    use process_model, only: process_model_type
@@ -44,6 +42,7 @@ contains
       type(tradeoff_findings) :: found
       type(process_model_type), allocatable :: models(:)
       type(output_type) :: output
+      type(hdf5_file) :: file
       type(error_type), allocatable :: error
 
       call start_watch()
@@ -68,7 +67,11 @@ contains
          found%n_ranks = world%n_ranks
          call compare_orders(plan, found%orders)
          call output%say(tradeoff_text(found, models)//output%path)
-         call write_findings(output, found, error)
+         call output%begin_file(plan, file, error)
+         if (.not. allocated(error)) then
+            call write_tradeoff(file, found, error)
+            call finish_results(file, output%lock, seconds_so_far(), error)
+         end if
       end if
       call output%stop_on(error)
       call output%end_run(exit_done)
@@ -107,23 +110,5 @@ contains
                                  found%errors)
       found%variants = variant_rows_of(found%tradeoff)
    end subroutine measure_march
-
-   !> Writes the results file, whole or not at all.
-   subroutine write_findings(output, found, error)
-      type(output_type), intent(inout) :: output
-      type(tradeoff_findings), intent(in) :: found
-      type(error_type), allocatable, intent(out) :: error
-      type(hdf5_file) :: file
-
-      call begin_results(output%store, found%plan, output%scene, output%overrides, &
-                         output%world%n_ranks, file, error)
-      if (allocated(error)) return
-      call write_tradeoff(file, found, error)
-      if (allocated(error)) then
-         call discard_file(file)
-      else
-         call finish_results(file, output%lock, seconds_so_far(), error)
-      end if
-   end subroutine write_findings
 
 end module driver_tradeoff

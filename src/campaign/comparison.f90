@@ -146,22 +146,14 @@ contains
       errors%slip_rms = difference_of(rms_values, n_all)
       if (n == 1) return
       errors%slip_std = difference_of(std_values, n_all)
-      errors%slip_rms%error = with_floor(errors%slip_rms%value, errors%slip_rms%error, n, n_all)
+      ! a few samples seldom contain the largest errors, and then the jackknife is too small: each
+      ! standard error is at least the rms over the joints of max(jackknife, that of normal errors)
+      associate (jackknife => errors%slip_rms%error, &
+                 if_normal => errors%slip_rms%value &
+                 *sqrt(max(0.0_wp, 1.0_wp - real(n, wp)/n_all)/(2*n)))
+         jackknife = max(jackknife, sqrt(mean(max(jackknife, if_normal)**2)))
+      end associate
    end subroutine compare_slip
-
-   !> Standard errors of the rms errors of the joints, from those of the jackknife. A few samples
-   !> seldom contain the largest errors, and then the jackknife is too small. So each standard error
-   !> is at least the root mean square over the joints of max(jackknife, that of normal errors).
-   pure function with_floor(rms, jackknife, n, n_all) result(error)
-      real(wp), intent(in) :: rms(:)         !! (joint)
-      real(wp), intent(in) :: jackknife(:)   !! (joint)
-      integer, intent(in) :: n, n_all        !! samples compared, samples of the case
-      real(wp) :: error(size(rms))
-      real(wp) :: if_normal(size(rms))
-
-      if_normal = rms*sqrt(max(0.0_wp, 1.0_wp - real(n, wp)/n_all)/(2*n))
-      error = max(jackknife, sqrt(mean(max(jackknife, if_normal)**2)))
-   end function with_floor
 
    !> Compares spectra.
    pure subroutine compare_spectra(tested, reference, percentiles, n_all, errors)

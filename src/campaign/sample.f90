@@ -115,11 +115,13 @@ contains
       end associate
    end subroutine start_march
 
-   !> Resets all sums at the end of the transient (n_discard steps) and starts series and spectra.
+   !> Resets all sums at the end of the transient (n_discard steps) and starts series and Welch's
+   !> sums. An audit has no power series.
    subroutine start_measuring(runner, march, result)
       type(runner_type), intent(inout) :: runner
       type(march_type), intent(inout) :: march
       type(block_result), intent(inout) :: result
+      integer, allocatable :: n_expected   ! number of segments, if their power is followed
 
       march%is_measuring = .true.
       associate (state => march%state)
@@ -136,25 +138,15 @@ contains
          if (march%kept%slip) &
             allocate (result%slip_series(state%n_joints, count_spans(runner%plan%integration), &
                                          state%n_samples))
-         if (march%kept%spectrum) then
-            call start_spectra(runner, march)
-            allocate (result%joint_displacement_max(state%n_joints, state%n_samples), source=0.0_wp)
-         end if
+         if (.not. march%kept%spectrum) return
+         allocate (result%joint_displacement_max(state%n_joints, state%n_samples), source=0.0_wp)
       end associate
-   end subroutine start_measuring
-
-   !> Starts Welch's sums. An audit has no power series.
-   subroutine start_spectra(runner, march)
-      type(runner_type), intent(inout) :: runner
-      type(march_type), intent(in) :: march
-      integer, allocatable :: n_expected   ! number of segments, if their power is followed
-
       associate (layout => runner%layout)
          if (layout%follows_power .and. .not. march%is_audit) n_expected = layout%n_segments
          call runner%spectra%start(size(march%dofs)*march%state%n_samples, layout%segment_length, &
                                    layout%overlap, layout%every*runner%marcher%dt, n_expected)
       end associate
-   end subroutine start_spectra
+   end subroutine start_measuring
 
    !> Marches from one step to another and adds the displacements to spectra, histories, harmonics
    !> and the largest displacements of the joints.
