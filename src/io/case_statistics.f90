@@ -29,6 +29,7 @@ contains
       type(case_statistics), intent(in) :: plain
       type(case_estimates), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
+      type(hdf5_group) :: member
 
       if (allocated(plain%numbers)) then
          call write_methods(group, found%estimator /= 'plain', allocated(plain%psd))
@@ -38,8 +39,21 @@ contains
       end if
       call write_time_errors(group, plain)
       if (found%estimator /= 'plain') then
-         call write_sensitivities(group, found)
-         call write_plain(group, plain, found)
+         call group%put('friction_point', found%friction_points, '1', &
+                        'point of the process, of the friction of one joint or more', &
+                        'friction_point')
+         call group%put('sensitivity', found%sensitivity%value, '1', &
+                        'share of the variance of slip_fraction due to one friction value', &
+                        'joint friction_point')
+         call group%put('sensitivity_error', found%sensitivity%error, '1', &
+                        'standard error of sensitivity', 'joint friction_point')
+         member = group
+         call member%change_to(group%path//'/plain')
+         call write_methods(member, .false., allocated(plain%psd))
+         call write_statistics(member, plain)
+         call member%change_to(group%path//'/error_ratio')
+         call write_statistics(member, found%best, found)
+         if (allocated(member%error)) group%error = member%error
       end if
       call group%take_error(error)
    end subroutine write_estimates
@@ -69,36 +83,6 @@ contains
                         'kept')
       end associate
    end subroutine write_time_errors
-
-   subroutine write_sensitivities(group, found)
-      type(hdf5_group), intent(inout) :: group
-      type(case_estimates), intent(in) :: found
-
-      call group%put('friction_point', found%friction_points, '1', &
-                     'point of the process, of the friction of one joint or more', 'friction_point')
-      call group%put('sensitivity', found%sensitivity%value, '1', &
-                     'share of the variance of slip_fraction due to one friction value', &
-                     'joint friction_point')
-      call group%put('sensitivity_error', found%sensitivity%error, '1', &
-                     'standard error of sensitivity', 'joint friction_point')
-   end subroutine write_sensitivities
-
-   !> Writes the groups `plain` and `error_ratio`.
-   subroutine write_plain(group, plain, found)
-      type(hdf5_group), intent(inout) :: group
-      type(case_statistics), intent(in) :: plain
-      type(case_estimates), intent(in) :: found
-      type(hdf5_group) :: member
-
-      if (allocated(group%error)) return
-      member = group
-      call member%change_to(group%path//'/plain')
-      call write_methods(member, .false., allocated(plain%psd))
-      call write_statistics(member, plain)
-      call member%change_to(group%path//'/error_ratio')
-      call write_statistics(member, found%best, found)
-      call member%take_error(group%error)
-   end subroutine write_plain
 
    !> Writes each statistic of a case with its error or interval. If `estimates` is present, writes
    !> instead the ratios of plain sampling's errors to theirs, and attributes of each estimate in

@@ -110,13 +110,13 @@ contains
 
    end subroutine check_contents
 
-   !> Lists the members of a group as words, each with its shape.
+   !> Lists the members of a group as words, each with its shape, such as psd(6,513,5).
    subroutine list_members(group, members)
       type(hdf5_group), intent(inout) :: group
       character(:), allocatable, intent(out) :: members
       character(:), allocatable :: names(:)
       integer(long), allocatable :: extents(:)
-      integer :: i
+      integer :: i, k
 
       members = ''
       if (allocated(group%error)) return
@@ -128,23 +128,14 @@ contains
             members = members//trim(names(i))//'/'
          else
             call group%read_shape(trim(names(i)), extents)
-            members = members//trim(names(i))//shape_text(extents)
+            members = members//trim(names(i))//'('
+            do k = size(extents), 1, -1   ! in Python's order of axes
+               members = members//to_text(extents(k))
+               if (k > 1) members = members//','
+            end do
+            members = members//')'
          end if
       end do
    end subroutine list_members
-
-   !> Shape of a dataset in Python's order of axes, such as (6,513,5).
-   pure function shape_text(extents) result(text)
-      integer(long), intent(in) :: extents(:)   !! Fortran's order
-      character(:), allocatable :: text
-      integer :: i
-
-      text = '('
-      do i = size(extents), 1, -1
-         text = text//to_text(extents(i))
-         if (i > 1) text = text//','
-      end do
-      text = text//')'
-   end function shape_text
 
 end module io_contents

@@ -272,19 +272,20 @@ contains
 
       allocate (errors(n_cases))
       do i = 1, n_cases
-         group%path = case_group(i, n_cases)
-         call read_case(group, errors(i))
-         group%path = case_group(i + n_cases, n_cases)
-         if (group%file%has(group%path)) call read_audit(group, errors(i))
+         call read_case(group, i, n_cases, errors(i))
       end do
    end subroutine read_cases
 
-   !> Reads the statistics of a case and their estimator.
-   subroutine read_case(group, errors)
+   !> Reads the statistics of a case and their estimator, and the numerical errors that its audit
+   !> found.
+   subroutine read_case(group, number, n_cases, errors)
       type(hdf5_group), intent(inout) :: group
+      integer, intent(in) :: number, n_cases
       type(case_errors), intent(inout) :: errors
       real(wp), allocatable :: is_steady(:), mean(:), mean_error(:), ratio(:)
+      real(wp), allocatable :: ratio_error(:), slip_error(:)
 
+      group%path = case_group(number, n_cases)
       associate (statistics => errors%statistics)
          call group%read('n_samples', statistics%n_samples)
          call group%get('slip_mean', mean)
@@ -306,21 +307,15 @@ contains
       end associate
       if (.not. allocated(errors%percentiles)) allocate (errors%percentiles(0))
       if (allocated(is_steady)) errors%n_unsteady = count(.not. is_steady > 0.0_wp)
-   end subroutine read_case
-
-   !> Reads the numerical errors that the audit of a case found.
-   subroutine read_audit(group, errors)
-      type(hdf5_group), intent(inout) :: group
-      type(case_errors), intent(inout) :: errors
-      real(wp), allocatable :: slip(:), ratio(:)
-
+      group%path = case_group(number + n_cases, n_cases)
+      if (.not. group%file%has(group%path)) return
       call group%read('n_samples', errors%n_audited)
       call group%read('slip_points', errors%slip_points)
       if (group%has('band_ratio_difference')) call group%read('band_ratio', errors%band_ratio)
-      call group%get('slip_rms_difference_error', slip)
-      call group%get('band_ratio_difference_error', ratio)
-      if (allocated(slip)) errors%slip_points_error = maxval(slip)
-      if (allocated(ratio)) errors%band_ratio_error = maxval(ratio)
-   end subroutine read_audit
+      call group%get('slip_rms_difference_error', slip_error)
+      call group%get('band_ratio_difference_error', ratio_error)
+      if (allocated(slip_error)) errors%slip_points_error = maxval(slip_error)
+      if (allocated(ratio_error)) errors%band_ratio_error = maxval(ratio_error)
+   end subroutine read_case
 
 end module io_earlier_results

@@ -178,13 +178,19 @@ contains
       type(error_type), allocatable, intent(out) :: error
       integer(c_int), parameter :: fail_when_unreadable = 1, no_match = 3, enoent = 2
       integer(c_long) :: found(16)   ! glob_t has 9 words
+      character(:), allocatable :: pattern
       type(c_ptr) :: list
       type(c_ptr), pointer :: names(:)
       integer(c_int) :: number, status
       integer :: i
 
       found = 0
-      status = c_glob(escaped(prefix)//'*'//part//'*'//c_null_char, fail_when_unreadable, &
+      pattern = ''
+      do i = 1, len(prefix)   ! glob takes it as it is: its wildcards are escaped
+         if (scan(prefix(i:i), '*?[]\') > 0) pattern = pattern//'\'
+         pattern = pattern//prefix(i:i)
+      end do
+      status = c_glob(pattern//'*'//part//'*'//c_null_char, fail_when_unreadable, &
                       c_null_ptr, found)
       if (status /= 0) then
          number = system_error()
@@ -202,19 +208,6 @@ contains
       end do
       call c_globfree(found)
    end subroutine list_files
-
-   !> Pattern of glob that matches the path alone: its wildcards are escaped.
-   pure function escaped(path) result(pattern)
-      character(*), intent(in) :: path
-      character(:), allocatable :: pattern
-      integer :: i
-
-      pattern = ''
-      do i = 1, len(path)
-         if (scan(path(i:i), '*?[]\') > 0) pattern = pattern//'\'
-         pattern = pattern//path(i:i)
-      end do
-   end function escaped
 
    !> Number of this process.
    function process_id() result(number)

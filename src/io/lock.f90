@@ -85,16 +85,29 @@ contains
          call raise_system(enametoolong, path//': cannot be made', error)
    end subroutine check_length
 
-   !> Opens and locks the lock file and writes this run's name into it.
+   !> Opens and locks the lock file and writes this run's name into it, as 'process 123 on host';
+   !> on a full disk the name stays empty.
    recursive subroutine acquire(lock, error)
       type(lock_type), intent(inout) :: lock
       type(error_type), allocatable, intent(out) :: error
+      integer(c_long), parameter :: n_tries = 64   ! presence bytes that are tried
+      integer(c_long) :: i
+      integer(c_int) :: number
       logical :: is_locked
 
-      call open_lock(lock, error)
-      if (allocated(error)) return
+      lock%stream = c_fopen(lock%path//c_null_char, 'r+'//c_null_char)
+      if (.not. c_associated(lock%stream)) &
+         lock%stream = c_fopen(lock%path//c_null_char, 'a+'//c_null_char)
+      if (.not. c_associated(lock%stream)) then
+         call raise_system(system_error(), lock%path//': cannot make this lock file', error)
+         return
+      end if
       if (lock%is_shared) then
-         is_locked = locks_presence_byte(lock)
+         do i = 1, n_tries
+            is_locked = lockf_succeeds(lock, try_to_lock, modulo(process_id()*n_tries + i, &
+                                                                 n_presence_bytes), one_byte)
+            if (is_locked) exit
+         end do
       else
          is_locked = lockf_succeeds(lock, try_to_lock, 0_c_long, whole_file)
       end if
@@ -105,23 +118,13 @@ contains
          call close_lock(lock)
          call acquire(lock, error)
       else
-         call write_name(lock)
+         lock%name = ''
+         if (.not. seek_succeeds(lock, 0_c_long)) return
+         lock%name = 'process '//to_text(process_id())//' on '//host_name()
+         call write_all(c_fileno(lock%stream), lock%name//line_feed, number)
+         if (number /= 0) lock%name = ''
       end if
    end subroutine acquire
-
-   !> True if one of 64 bytes, chosen by the process number, could be locked.
-   function locks_presence_byte(lock) result(is_locked)
-      type(lock_type), intent(in) :: lock
-      logical :: is_locked
-      integer(c_long), parameter :: n_tries = 64
-      integer(c_long) :: i
-
-      do i = 1, n_tries
-         is_locked = lockf_succeeds(lock, try_to_lock, &
-                                    modulo(process_id()*n_tries + i, n_presence_bytes), one_byte)
-         if (is_locked) return
-      end do
-   end function locks_presence_byte
 
    !> True between `take_lock` and `release`.
    pure function is_held(self)
@@ -216,17 +219,6 @@ contains
       if (allocated(self%new_folder)) call remove_file(self%new_folder, ignored)
    end subroutine release
 
-   subroutine open_lock(lock, error)
-      type(lock_type), intent(inout) :: lock
-      type(error_type), allocatable, intent(out) :: error
-
-      lock%stream = c_fopen(lock%path//c_null_char, 'r+'//c_null_char)
-      if (.not. c_associated(lock%stream)) &
-         lock%stream = c_fopen(lock%path//c_null_char, 'a+'//c_null_char)
-      if (.not. c_associated(lock%stream)) &
-         call raise_system(system_error(), lock%path//': cannot make this lock file', error)
-   end subroutine open_lock
-
    subroutine close_lock(lock)
       type(lock_type), intent(inout) :: lock
       integer(c_int) :: status
@@ -234,19 +226,6 @@ contains
       status = c_fclose(lock%stream)
       lock%stream = c_null_ptr
    end subroutine close_lock
-
-   !> Writes this run's name into the lock file, such as 'process 123 on host'. On a full disk the
-   !> name stays empty.
-   subroutine write_name(lock)
-      type(lock_type), intent(inout) :: lock
-      integer(c_int) :: number
-
-      lock%name = ''
-      if (.not. seek_succeeds(lock, 0_c_long)) return
-      lock%name = 'process '//to_text(process_id())//' on '//host_name()
-      call write_all(c_fileno(lock%stream), lock%name//line_feed, number)
-      if (number /= 0) lock%name = ''
-   end subroutine write_name
 
    !> Raises an error with the holder's name, or with the system's reason if it has no locks at all.
    subroutine refuse(lock, number, error)

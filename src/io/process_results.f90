@@ -207,7 +207,7 @@ contains
       type(process_model_type), intent(inout) :: models(:)   !! (process), their requests known
       logical, intent(out) :: is_kept(:)                     !! true if a file has the process
       type(error_type), allocatable, intent(out) :: error
-      type(hdf5_file) :: results
+      type(hdf5_file) :: file, results
       character(:), allocatable :: group
       logical :: has_results
       integer :: i
@@ -220,7 +220,11 @@ contains
          group = '/process/'//numbered('p', i)
          is_kept(i) = exists(store%folder//'/'//process_file_name(i))
          if (is_kept(i)) then
-            call read_from_store(store, i, models(i), error)
+            call open_in_store(store, process_file_name(i), file, error)
+            if (allocated(error)) exit
+            call read_solution(file, solution, models(i), error)
+            call file%abandon()
+            call advise(error)
          else if (has_results) then
             is_kept(i) = results%has(group)
             if (is_kept(i)) call read_solution(results, group, models(i), error)
@@ -228,21 +232,6 @@ contains
       end do
       call results%abandon()
    end subroutine read_stored_processes
-
-   !> Reads a process from its file of the store.
-   subroutine read_from_store(store, number, model, error)
-      type(shard_store), intent(in) :: store
-      integer, intent(in) :: number
-      type(process_model_type), intent(inout) :: model
-      type(error_type), allocatable, intent(out) :: error
-      type(hdf5_file) :: file
-
-      call open_in_store(store, process_file_name(number), file, error)
-      if (allocated(error)) return
-      call read_solution(file, solution, model, error)
-      call file%abandon()
-      call advise(error)
-   end subroutine read_from_store
 
    !> Name of the file of a process in a store, such as process_p003.h5.
    pure function process_file_name(number) result(name)

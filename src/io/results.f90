@@ -18,7 +18,6 @@ module io_results
    use numerics_correlated, only: n_batches
    use numerics_sparse, only: sparse_matrix, sparse_of
    use numerics_spectrum, only: error_of_density, last_of_ranges
-   use structure_model, only: structure_type
    implicit none(type, external)
    private
    public :: begin_case, case_group, finish_case, finish_results, write_dofs, write_structure
@@ -29,8 +28,8 @@ module io_results
 
 contains
 
-   !> Writes the structure (M, C and K by their entries, joints, load), the method and the step of
-   !> the march.
+   !> Writes the method and the step of the march, and the structure: axes, natural frequencies, M,
+   !> C and K by their entries, joints, load.
    subroutine write_structure(file, plan, error)
       type(hdf5_file), intent(in) :: file
       type(plan_type), intent(in) :: plan
@@ -41,40 +40,36 @@ contains
       call group%attribute('method', trim(plan%integration%method))
       call group%attribute('n_zero_modes', plan%structure%n_zero_modes)
       call group%put_value('dt', plan%integration%dt, 's', 'time step')
-      call write_matrices(group, plan%structure)
-      call group%put('load', plan%structure%load, trim(merge('kg', '1 ', plan%excitation%base)), &
-                     'factor of the force', 'force dof')
+      associate (structure => plan%structure)
+         call group%put_axis('mode', structure%n_dof, 'mode, from the lowest')
+         call group%put_axis('dof', structure%n_dof, about_dofs)
+         call group%put_axis('joint', structure%n_joints, about_joints)
+         call group%put_axis('force', structure%n_forces, 'force, a column of the load')
+         call group%put('frequencies_stuck', structure%frequencies_stuck, 'Hz', &
+                        'natural frequency with all joints stuck', 'mode')
+         call group%put('frequencies_slip', structure%frequencies_slip, 'Hz', &
+                        'natural frequency with all joints slipping; negative: unstable', 'mode')
+         if (size(structure%damping_ratio) > 0) &
+            call group%put('damping_ratio', structure%damping_ratio, '1', &
+                           'damping ratio with all joints stuck', 'mode')
+         call write_entries(group, 'mass', 'kg', structure%mass)
+         call write_entries(group, 'stiffness', 'N/m', structure%stiffness)
+         call write_entries(group, 'damping', 'N s/m', structure%damping)
+         call group%put('joint_stiffness', structure%joint_stiffness, 'N/m', &
+                        'stiffness of the joint while it sticks', 'joint')
+         call group%put('normal_load', structure%normal_load, 'N', 'normal load of the joint', &
+                        'joint')
+         call group%put('joint_friction', structure%joint_friction, '1', &
+                        'friction coefficient as given', 'joint')
+         call group%put('friction_point', structure%friction_point, '1', &
+                        'point of the process that gives the friction', 'joint')
+         call group%put('directions', structure%direction, '1', 'direction of the joint', &
+                        'joint dof')
+         call group%put('load', structure%load, trim(merge('kg', '1 ', plan%excitation%base)), &
+                        'factor of the force', 'force dof')
+      end associate
       call group%take_error(error)
    end subroutine write_structure
-
-   !> Writes the axes, the natural frequencies, M, C, K and the joints.
-   subroutine write_matrices(group, structure)
-      type(hdf5_group), intent(inout) :: group
-      type(structure_type), intent(in) :: structure
-
-      call group%put_axis('mode', structure%n_dof, 'mode, from the lowest')
-      call group%put_axis('dof', structure%n_dof, about_dofs)
-      call group%put_axis('joint', structure%n_joints, about_joints)
-      call group%put_axis('force', structure%n_forces, 'force, a column of the load')
-      call group%put('frequencies_stuck', structure%frequencies_stuck, 'Hz', &
-                     'natural frequency with all joints stuck', 'mode')
-      call group%put('frequencies_slip', structure%frequencies_slip, 'Hz', &
-                     'natural frequency with all joints slipping; negative: unstable', 'mode')
-      if (size(structure%damping_ratio) > 0) &
-         call group%put('damping_ratio', structure%damping_ratio, '1', &
-                        'damping ratio with all joints stuck', 'mode')
-      call write_entries(group, 'mass', 'kg', structure%mass)
-      call write_entries(group, 'stiffness', 'N/m', structure%stiffness)
-      call write_entries(group, 'damping', 'N s/m', structure%damping)
-      call group%put('joint_stiffness', structure%joint_stiffness, 'N/m', &
-                     'stiffness of the joint while it sticks', 'joint')
-      call group%put('normal_load', structure%normal_load, 'N', 'normal load of the joint', 'joint')
-      call group%put('joint_friction', structure%joint_friction, '1', &
-                     'friction coefficient as given', 'joint')
-      call group%put('friction_point', structure%friction_point, '1', &
-                     'point of the process that gives the friction', 'joint')
-      call group%put('directions', structure%direction, '1', 'direction of the joint', 'joint dof')
-   end subroutine write_matrices
 
    !> Writes the nonzero entries of a matrix, row by row.
    subroutine write_entries(group, name, unit, matrix)
@@ -288,19 +283,19 @@ contains
    end subroutine write_history_axes
 
    !> Closes the file, reads it back, and renames it to the output, which until then is missing or
-   !> the earlier file. Removes the file after an error.
+   !> the earlier file. Removes the file after an error, also after one that is passed in.
    subroutine finish_results(file, lock, wall_seconds, error)
       type(hdf5_file), intent(inout) :: file
       type(lock_type), intent(inout) :: lock   !! lock on the output
       real(wp), intent(in) :: wall_seconds     !! duration of the run
-      type(error_type), allocatable, intent(out) :: error
+      type(error_type), allocatable, intent(inout) :: error
       character(:), allocatable :: temporary
       type(hdf5_object) :: root
 
       temporary = file%path
       root = hdf5_object(file, '/')
       call root%attribute('wall_seconds', wall_seconds)
-      call root%take_error(error)
+      if (.not. allocated(error)) call root%take_error(error)
       if (.not. allocated(error)) call write_contents(file, '/', error)
       if (.not. allocated(error)) call file%close(error)
       if (.not. allocated(error)) call sync_file(temporary, error)

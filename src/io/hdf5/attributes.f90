@@ -34,7 +34,7 @@ module io_hdf5_attributes
       procedure :: take_error
       procedure :: keep_failure
       procedure, private :: read_text, read_integer, read_real
-      procedure, private :: write_text, write_value, read_value, text_length, fail
+      procedure, private :: write_text, write_value, read_value, text_length
    end type hdf5_object
 
 contains
@@ -122,13 +122,12 @@ contains
       class default
          error stop 'attribute: a value of another type'
       end select
-      call self%fail(name, ': cannot be written')
    end subroutine attribute
 
    !> Writes a text of fixed or variable length. HDF5 has no text of fixed length 0: a blank stands
    !> for it.
    subroutine write_text(self, name, value)
-      class(hdf5_object), intent(in) :: self
+      class(hdf5_object), intent(inout) :: self
       character(*), intent(in) :: name, value
       character(kind=c_char), allocatable, target :: characters(:)
       type(c_ptr), target :: location
@@ -150,7 +149,7 @@ contains
 
    !> Creates an attribute of an HDF5 type and writes its value.
    subroutine write_value(self, name, kind, value)
-      class(hdf5_object), intent(in) :: self
+      class(hdf5_object), intent(inout) :: self
       character(*), intent(in) :: name
       integer(hid_t), intent(in) :: kind
       type(c_ptr), intent(in) :: value
@@ -162,15 +161,8 @@ contains
       call h5awrite_f(attribute, kind, value, status)
       call h5aclose_f(attribute, status)
       call h5sclose_f(space, status)
+      call self%keep_failure('attribute '//name//' of '//self%path, ': cannot be written')
    end subroutine write_value
-
-   !> Keeps an error if HDF5 failed to read or write an attribute.
-   subroutine fail(self, name, failure)
-      class(hdf5_object), intent(inout) :: self
-      character(*), intent(in) :: name, failure
-
-      call self%keep_failure('attribute '//name//' of '//self%path, failure)
-   end subroutine fail
 
    !> Reads a text of fixed or variable length.
    subroutine read_text(self, name, value)
@@ -201,7 +193,6 @@ contains
          call h5sclose_f(space, status)
       end if
       call h5tclose_f(kind, status)
-      call self%fail(name, ': cannot be read')
    end subroutine read_text
 
    !> Length of a text of fixed length [byte]; 0 for one of variable length.
@@ -229,9 +220,7 @@ contains
       character(*), intent(in) :: name
       integer, intent(inout), target :: value
 
-      if (allocated(self%error)) return
-      call self%read_value(name, H5T_NATIVE_INTEGER, c_loc(value))
-      call self%fail(name, ': cannot be read')
+      if (.not. allocated(self%error)) call self%read_value(name, H5T_NATIVE_INTEGER, c_loc(value))
    end subroutine read_integer
 
    subroutine read_real(self, name, value)
@@ -239,14 +228,12 @@ contains
       character(*), intent(in) :: name
       real(wp), intent(inout), target :: value
 
-      if (allocated(self%error)) return
-      call self%read_value(name, H5T_NATIVE_DOUBLE, c_loc(value))
-      call self%fail(name, ': cannot be read')
+      if (.not. allocated(self%error)) call self%read_value(name, H5T_NATIVE_DOUBLE, c_loc(value))
    end subroutine read_real
 
    !> Reads an attribute of one value; refuses an array, for which `value` has no memory.
    subroutine read_value(self, name, kind, value)
-      class(hdf5_object), intent(in) :: self
+      class(hdf5_object), intent(inout) :: self
       character(*), intent(in) :: name
       integer(hid_t), intent(in) :: kind
       type(c_ptr), value :: value
@@ -265,6 +252,7 @@ contains
       end if
       call h5sclose_f(space, status)
       call h5aclose_f(attribute, status)
+      call self%keep_failure('attribute '//name//' of '//self%path, ': cannot be read')
    end subroutine read_value
 
    !> Creates the HDF5 type of UTF-8 text of a fixed length, or of variable length.
