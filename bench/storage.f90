@@ -7,10 +7,9 @@ program storage
    use campaign_time_average, only: span_collector, start_spans
    use core_error, only: error_type
    use core_kinds, only: wp
-   use io_identity, only: identity_type
    use io_shards, only: list_shards, sort_shards, read_shard, shard_type, stored_samples, &
                         write_shard
-   use io_store, only: new_store, remove_store, shard_store
+   use io_store, only: identity_type, new_store, remove_store, shard_store
    implicit none(type, external)
    integer, parameter :: n_samples = 32, n_dof = 5, n_band = 61
    integer, parameter :: n_frequencies = 1025   !! segments of 8192 steps, every 4th step

@@ -11,9 +11,9 @@ module io_earlier_results
    use io_contents, only: check_contents
    use io_files, only: exists, is_readable
    use io_hdf5, only: hdf5_file, hdf5_group, hdf5_object, open_hdf5
-   use io_identity, only: identity_type, refuse_foreign, require_command, require_same
    use io_results, only: case_group
    use io_shards, only: finished_samples, shard_type
+   use io_store, only: identity_type, refuse_foreign, require_command, require_same
    implicit none(type, external)
    private
    public :: count_stored_samples, refuse_replacement, stored_in_results
@@ -194,10 +194,9 @@ contains
 
    !> True if every solved process of a results file has so many realizations of so many points.
    !> False with an error.
-   function has_realizations(path, n_points, n_realizations) result(has_all)
+   logical function has_realizations(path, n_points, n_realizations) result(has_all)
       character(*), intent(in) :: path
       integer, intent(in) :: n_points, n_realizations
-      logical :: has_all
       type(error_type), allocatable :: error
       type(hdf5_group) :: group
       character(:), allocatable :: law, status

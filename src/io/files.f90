@@ -21,17 +21,15 @@ module io_files
 contains
 
    !> True if there is a file or folder of this name.
-   function exists(path)
+   logical function exists(path)
       character(*), intent(in) :: path
-      logical :: exists
 
       inquire (file=path, exist=exists)
    end function exists
 
    !> True if this process may read the file of this name.
-   function is_readable(path)
+   logical function is_readable(path)
       character(*), intent(in) :: path
-      logical :: is_readable
       character(7) :: answer
 
       inquire (file=path, read=answer)
@@ -39,9 +37,8 @@ contains
    end function is_readable
 
    !> Size of a file [byte]; -1 if there is no such file.
-   function file_size(path) result(bytes)
+   integer(long) function file_size(path) result(bytes)
       character(*), intent(in) :: path
-      integer(long) :: bytes
 
       inquire (file=path, size=bytes)
    end function file_size
@@ -210,8 +207,7 @@ contains
    end subroutine list_files
 
    !> Number of this process.
-   function process_id() result(number)
-      integer :: number
+   integer function process_id() result(number)
 
       number = int(c_getpid())
    end function process_id
@@ -228,8 +224,7 @@ contains
 
    !> True if standard output goes to a terminal. mpirun gives every rank a terminal of its own and
    !> copies it to mpirun's standard output: then that one counts.
-   function shows_on_terminal()
-      logical :: shows_on_terminal
+   logical function shows_on_terminal()
       type(c_ptr) :: stream
       integer(c_int) :: closed
       integer :: status

@@ -21,40 +21,32 @@ contains
       real(wp), intent(in) :: dt                          !! step of the scene [s]
       real(wp), allocatable, intent(out) :: force(:, :)   !! (0:n_steps, 1 or sample) [N]
       type(error_type), allocatable, intent(out) :: error
+      real(wp), parameter :: rounding = 1.0e-12_wp   ! relative rounding error of a computed dt
       type(hdf5_file) :: file
       type(hdf5_group) :: root
+      type(hdf5_object) :: dataset
+      real(wp) :: found
 
       call open_hdf5(path, file, error)
       root = hdf5_group(file, '/')
-      if (.not. allocated(error)) call check_interval(root, dt, error)
+      dataset%file = file
+      dataset%path = root%path_of(name)
+      if (.not. allocated(error)) then
+         if (.not. root%has(name)) then
+            call raise(error, exit_bad_input, path//': has no dataset '//dataset%path)
+         else if (dataset%has_attribute('dt')) then
+            found = dt   ! stays after an error
+            call dataset%read('dt', found)
+            call dataset%take_error(error)
+            if (.not. (allocated(error) .or. abs(found - dt) <= rounding*dt)) &
+               call raise(error, exit_bad_input, path//': attribute dt of '//dataset%path// &
+                          ' = '//to_text(found)//': must be integration%dt = '//to_text(dt))
+         end if
+      end if
       if (.not. allocated(error)) call read_records(root, force, error)
       call file%abandon()
       if (allocated(error)) error%exit_code = exit_bad_input
    end subroutine read_force_hdf5
-
-   !> Refuses a file without the dataset, and one with another step than the scene's.
-   subroutine check_interval(root, dt, error)
-      type(hdf5_group), intent(in) :: root
-      real(wp), intent(in) :: dt
-      type(error_type), allocatable, intent(out) :: error
-      real(wp), parameter :: rounding = 1.0e-12_wp   ! relative rounding error of a computed dt
-      type(hdf5_object) :: dataset
-      real(wp) :: found
-
-      dataset%file = root%file
-      dataset%path = root%path_of(name)
-      if (.not. root%has(name)) then
-         call raise(error, exit_bad_input, root%file%path//': has no dataset '//dataset%path)
-         return
-      end if
-      if (.not. dataset%has_attribute('dt')) return
-      call dataset%read('dt', found)
-      call dataset%take_error(error)
-      if (allocated(error)) return
-      if (.not. abs(found - dt) <= rounding*dt) &
-         call raise(error, exit_bad_input, root%file%path//': attribute dt of '//dataset%path// &
-                    ' = '//to_text(found)//': must be integration%dt = '//to_text(dt))
-   end subroutine check_interval
 
    !> Reads the dataset; refuses one with another number of axes, and one too large to be true.
    subroutine read_records(root, force, error)

@@ -127,9 +127,8 @@ contains
    end subroutine acquire
 
    !> True between `take_lock` and `release`.
-   pure function is_held(self)
+   pure logical function is_held(self)
       class(lock_type), intent(in) :: self
-      logical :: is_held
 
       is_held = c_associated(self%stream)
    end function is_held
@@ -189,10 +188,9 @@ contains
    end subroutine refuse_change
 
    !> True if no other process that shares the lock has claimed a block: it is now this process's.
-   function claim(self, number) result(is_ours)
+   logical function claim(self, number) result(is_ours)
       class(lock_type), intent(in) :: self
       integer(long), intent(in) :: number   !! number of the block, from 0
-      logical :: is_ours
 
       is_ours = lockf_succeeds(self, try_to_lock, n_presence_bytes + int(number, c_long), one_byte)
    end function claim
@@ -244,21 +242,19 @@ contains
    end subroutine refuse
 
    !> True if bytes of the file could be locked or unlocked.
-   function lockf_succeeds(lock, command, first, length)
+   logical function lockf_succeeds(lock, command, first, length)
       type(lock_type), intent(in) :: lock
       integer(c_int), intent(in) :: command
       integer(c_long), intent(in) :: first, length   !! bytes
-      logical :: lockf_succeeds
 
       lockf_succeeds = seek_succeeds(lock, first)
       if (lockf_succeeds) lockf_succeeds = c_lockf(c_fileno(lock%stream), command, length) == 0
    end function lockf_succeeds
 
    !> True if the byte at which lockf and write begin could be set.
-   function seek_succeeds(lock, byte)
+   logical function seek_succeeds(lock, byte)
       type(lock_type), intent(in) :: lock
       integer(c_long), intent(in) :: byte   !! counted from 0
-      logical :: seek_succeeds
       integer(c_int), parameter :: from_the_start = 0
 
       seek_succeeds = c_lseek(c_fileno(lock%stream), byte, from_the_start) == byte
@@ -266,9 +262,8 @@ contains
 
    !> True if the path leads to the file that was locked, with this run's name in it, or with any
    !> name if runs share it.
-   function is_ours(lock)
+   logical function is_ours(lock)
       type(lock_type), intent(in) :: lock
-      logical :: is_ours
       character(kind=c_char) :: found(len(lock%name) + 1)
       integer(c_long) :: n
       integer :: i
@@ -282,9 +277,8 @@ contains
    end function is_ours
 
    !> True if the path still leads to the file that was opened.
-   function is_same_file(lock)
+   logical function is_same_file(lock)
       type(lock_type), intent(in) :: lock
-      logical :: is_same_file
       integer(c_long), dimension(size(stamp_words)) :: named, opened
 
       named = stamp_of(lock%path)

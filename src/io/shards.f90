@@ -11,7 +11,7 @@ module io_shards
    use io_hdf5, only: hdf5_file, hdf5_group, open_hdf5
    use io_lock, only: lock_type
    use io_process_results, only: process_file_name
-   use io_store, only: advise, create_in_store, finish_in_store, numbers_in, open_in_store, &
+   use io_store, only: advise, create_in_store, finish_in_store, open_in_store, &
                        remove_store, shard_store
    use numerics_sorting, only: sort_order
    implicit none(type, external)
@@ -78,15 +78,21 @@ contains
       type(shard_store), intent(in) :: store
       type(shard_type), allocatable, intent(out) :: shards(:)
       type(error_type), allocatable, intent(out) :: error
-      character(:), allocatable :: name, paths(:)
-      integer :: i, n, numbers(3)
+      character(:), allocatable :: digits, name, paths(:)
+      integer :: i, k, n, numbers(3), status
 
       call list_files(store%folder//'/', '', paths, error)
       allocate (shards(size(paths)))
       n = 0
       do i = 1, size(paths)
          name = trim(paths(i) (len(store%folder) + 2:))
-         numbers = numbers_in(name)
+         digits = name//'/'   ! ends the reading
+         do k = 1, len(name)
+            if (verify(name(k:k), '0123456789') > 0) digits(k:k) = ' '
+         end do
+         numbers = 0
+         read (digits, *, iostat=status) numbers
+         if (status /= 0) numbers = 0   ! one is too large
          if (index(name, unfinished) > 0 .or. name == process_file_name(numbers(1))) cycle
          n = n + 1
          shards(n) = shard_type(numbers(1), numbers(2), numbers(3))

@@ -41,8 +41,20 @@ contains
          call write_settings(group, found%settings, found%plan%integration%dt, &
                              found%tradeoff%plan%integration%n_steps)
          call write_errors(group, found%errors)
-         call write_sizes(group, found%sizes)
-         call write_spectra(group, found%spectra)
+         call group%change_to('/tradeoff/sizes')
+         associate (rows => found%sizes)
+            call group%start_table('size', size(rows), 'samples and steps')
+            call group%put('n_samples', rows%n_samples, '1', 'samples of the largest case')
+            call group%put('n_steps', real(rows%n_steps, wp), '1', 'steps')
+            call group%put('slip_mean', rows%error(slip), '%', &
+                           'total error of mean slip fractions, in points')
+            call group%put('slip_std', rows%error(slip_std), '%', &
+                           'total error of their std, in points')
+            call group%put('band_ratio', rows%error(band_ratio), '1', &
+                           'total relative error of band ratios')
+            call group%put('seconds', rows%seconds, 's', 'processor time of the march')
+         end associate
+         if (size(found%spectra) > 0) call write_spectra(group, found%spectra)
          call write_variants(group, found%tradeoff, found%variants)
       end if
       call write_orders(group, found%orders)
@@ -123,7 +135,6 @@ contains
       type(hdf5_group), intent(inout) :: group
       type(spectrum_row), intent(in) :: rows(:)
 
-      if (size(rows) == 0) return
       call group%change_to('/tradeoff/spectra')
       call group%start_table('way', size(rows), 'way to form spectra')
       call group%put('every', rows%every, '1', 'steps between values')
@@ -132,23 +143,6 @@ contains
       call group%put('band_ratio', rows%band_ratio, '1', &
                      'largest relative change of a band ratio from the first way')
    end subroutine write_spectra
-
-   !> Writes the errors and costs at other numbers of samples and steps.
-   subroutine write_sizes(group, rows)
-      type(hdf5_group), intent(inout) :: group
-      type(size_row), intent(in) :: rows(:)
-
-      call group%change_to('/tradeoff/sizes')
-      call group%start_table('size', size(rows), 'samples and steps')
-      call group%put('n_samples', rows%n_samples, '1', 'samples of the largest case')
-      call group%put('n_steps', real(rows%n_steps, wp), '1', 'steps')
-      call group%put('slip_mean', rows%error(slip), '%', &
-                     'total error of mean slip fractions, in points')
-      call group%put('slip_std', rows%error(slip_std), '%', 'total error of their std, in points')
-      call group%put('band_ratio', rows%error(band_ratio), '1', &
-                     'total relative error of band ratios')
-      call group%put('seconds', rows%seconds, 's', 'processor time of the march')
-   end subroutine write_sizes
 
    !> Writes the changes of the results by other orders and fits of the processes.
    subroutine write_variants(group, tradeoff, rows)

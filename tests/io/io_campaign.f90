@@ -10,13 +10,12 @@ module io_campaign
    use io_blocks, only: write_block
    use io_case_statistics, only: write_audit, write_estimates
    use io_files, only: make_folder, process_id
-   use io_identity, only: identity_type
    use io_lock, only: lock_type, take_lock
    use io_process_results, only: write_process
    use io_hdf5, only: hdf5_file, hdf5_group, hdf5_object
    use io_results, only: begin_case, finish_case, finish_results, write_structure
    use io_shards, only: list_shards, sort_shards, shard_type, stored_samples, write_shard
-   use io_store, only: create_unfinished, discard_file, shard_store
+   use io_store, only: create_unfinished, discard_file, identity_type, shard_store
    use process_model, only: process_model_type
    use statistics_estimates, only: statistic_type
    use structure_chain, only: build_chain

@@ -88,10 +88,9 @@ contains
 
    !> True if there is an attribute of this name. True also if the file is damaged there: reading
    !> then raises an error.
-   function has_attribute(self, name)
+   logical function has_attribute(self, name)
       class(hdf5_object), intent(in) :: self
       character(*), intent(in) :: name
-      logical :: has_attribute
       integer :: status
 
       call h5aexists_by_name_f(self%file%id, self%path, name, has_attribute, status)

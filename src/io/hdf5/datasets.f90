@@ -43,10 +43,9 @@ module io_hdf5_datasets
 contains
 
    !> The group at a path, created if it is missing.
-   function new_group(file, path) result(group)
+   type(hdf5_group) function new_group(file, path) result(group)
       type(hdf5_file), intent(in) :: file
       character(*), intent(in) :: path
-      type(hdf5_group) :: group
 
       group%file = file
       call group%change_to(path)

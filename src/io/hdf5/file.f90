@@ -108,10 +108,9 @@ contains
 
    !> True if there is a group or dataset of this path. Groups above it may be missing. True also if
    !> the file is damaged there: reading then raises an error.
-   function has(self, path)
+   logical function has(self, path)
       class(hdf5_file), intent(in) :: self
       character(*), intent(in) :: path
-      logical :: has
       integer :: i, status
 
       has = .true.
@@ -128,10 +127,9 @@ contains
 
    !> True if the object of this path is a group. A failure of HDF5 stays for the caller: a second
    !> attempt to open a damaged object may succeed.
-   function is_group(self, path)
+   logical function is_group(self, path)
       class(hdf5_file), intent(in) :: self
       character(*), intent(in) :: path
-      logical :: is_group
       integer(hid_t) :: object
       integer :: kind, status
 
