@@ -40,7 +40,7 @@ contains
       type(plan_type) :: plan
       type(process_model_type), allocatable :: models(:)
       type(cost_type) :: cost
-      character(:), allocatable :: choice, need, text
+      character(:), allocatable :: choice, march, need, text
       logical :: is_quiet
       type(error_type), allocatable :: error, oversize
 
@@ -63,7 +63,16 @@ contains
                                 cost%share_powerful)
             call refuse_oversize(plan, oversize)
             if (allocated(oversize)) text = text//'note: '//oversize%message//line_feed
-            if (cost%n_steps > 0) text = text//march_text(cost)
+            if (cost%n_steps > 0) then
+               if (cost%form /= '') text = text//labelled('exact march', cost%form)
+               march = ' in a step of a sample, in the first '//to_text(cost%n_steps)//' steps'
+               if (cost%transitions > 0.0_wp) then
+                  march = brief(cost%transitions)//march
+               else
+                  march = 'none'//march//': the march is linear'
+               end if
+               text = text//labelled('transitions', march)
+            end if
             if (plan%has_structure .and. plan%output%spectrum .and. &
                 plan%output%spectrum_every == 0) &
                text = text//labelled('not tried', 'output%spectrum_every is left to run, as '// &
@@ -76,20 +85,6 @@ contains
       call world%stop_on(error)
       call stop_world(exit_done)
    end subroutine check
-
-   !> Lines on the exact march, if that was timed, and on the transitions in the timed march.
-   function march_text(cost) result(text)
-      type(cost_type), intent(in) :: cost
-      character(:), allocatable :: text
-
-      text = ' in a step of a sample, in the first '//to_text(cost%n_steps)//' steps'
-      if (cost%transitions > 0.0_wp) then
-         text = labelled('transitions', brief(cost%transitions)//text)
-      else
-         text = labelled('transitions', 'none'//text//': the march is linear')
-      end if
-      if (cost%form /= '') text = labelled('exact march', cost%form)//text
-   end function march_text
 
    !> Predicts which processes have a solution, and how realizations of the exact law are drawn, as
    !> far as that is known before the fits.

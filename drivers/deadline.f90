@@ -29,8 +29,7 @@ contains
    end subroutine set_limit
 
    !> Time since start_watch [s].
-   function seconds_so_far() result(seconds)
-      real(wp) :: seconds
+   real(wp) function seconds_so_far() result(seconds)
       integer(long) :: now, rate
 
       call system_clock(now, rate)

@@ -33,6 +33,7 @@ contains
       type(process_estimate_type) :: found
       type(progress_type) :: progress
       type(error_type), allocatable :: error
+      integer, parameter :: n_copies = 400   ! realizations for each record
 
       call start_world(world)
       if (world%is_root()) then
@@ -58,7 +59,13 @@ contains
             if (.not. allocated(error)) &
                call write_new_file(line%output, group_text(line%scene, found), error)
             if (.not. (allocated(error) .or. line%has('--quiet'))) &
-               call say(plot_commands(line%scene, line%output, found))
+               call say('written to '//line%output//'; to draw the values beside the process:'// &
+                        line_feed//'  entroslip run '//shell_word(line%output)// &
+                        ' --set process%n_points='//to_text(found%n_points)// &
+                        ' --set process%n_realizations='//to_text(n_copies*found%n_records)// &
+                        line_feed//'  python -m entroslip '// &
+                        shell_word(scene_name(line%output)//'.h5')//' --measured '// &
+                        shell_word(line%scene)//' --out figures')
          end if
       end if
       call world%stop_on(error)
@@ -122,21 +129,6 @@ contains
 
       text = brief(nint(1000.0_wp*correlation)/1000.0_wp)
    end function decimals
-
-   !> Commands that plot the values beside realizations of the process.
-   pure function plot_commands(data, scene, found) result(text)
-      character(*), intent(in) :: data, scene   !! paths
-      type(process_estimate_type), intent(in) :: found
-      integer, parameter :: n_copies = 400      ! realizations for each record
-      character(:), allocatable :: text
-
-      text = 'written to '//scene//'; to draw the values beside the process:'//line_feed// &
-             '  entroslip run '//shell_word(scene)// &
-             ' --set process%n_points='//to_text(found%n_points)// &
-             ' --set process%n_realizations='//to_text(n_copies*found%n_records)//line_feed// &
-             '  python -m entroslip '//shell_word(scene_name(scene)//'.h5')//' --measured '// &
-             shell_word(data)//' --out figures'
-   end function plot_commands
 
    !> Length with its error, and the range of 95 % of the realizations.
    pure function with_range(value, error, range) result(text)

@@ -83,25 +83,16 @@ contains
          if (slip /= '') slip = slip//', '
          slip = slip//'numerical error '//brief(maxval(errors%slip_points))//' points'
       end if
-      if (slip /= '') call add_part('mean time in slip: '//slip)
-      if (any(is_stuck)) call add_part('no joint slips in '//numbers_text('c', is_stuck, 'cases'))
+      if (slip /= '') text = text//'; mean time in slip: '//slip
+      if (any(is_stuck)) &
+         text = text//'; no joint slips in '//numbers_text('c', is_stuck, 'cases')
       if (all(errors%n_unsteady == 0)) then
-         call add_part('all samples are steady')
+         text = text//'; all samples are steady'
       else if (any(errors%n_unsteady > 0)) then
-         call add_part(counted(sum(errors%n_unsteady), 'sample is', 'samples are')// &
-                       ' not steady in '//numbers_text('c', errors%n_unsteady > 0, 'cases')// &
-                       ': integration%n_steps is too short there, or the motion does not repeat')
+         text = text//'; '//counted(sum(errors%n_unsteady), 'sample is', 'samples are')// &
+                ' not steady in '//numbers_text('c', errors%n_unsteady > 0, 'cases')// &
+                ': integration%n_steps is too short there, or the motion does not repeat'
       end if
-
-   contains
-
-      !> Adds a part to the text.
-      subroutine add_part(part)
-         character(*), intent(in) :: part
-
-         text = text//'; '//part
-      end subroutine add_part
-
    end function errors_text
 
    !> Lines on the targets that a case misses: numerical errors by more than twice the standard

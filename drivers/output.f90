@@ -22,12 +22,11 @@ module driver_output
                                  refuse_replacement, stored_in_results
    use io_files, only: exists, follow_links, remove_file
    use io_hdf5, only: hdf5_file, hdf5_object
-   use io_identity, only: identity_type
    use io_lock, only: lock_type, take_lock
    use io_shards, only: finished_samples, list_shards, sort_shards, shard_path, read_shard, &
                         remove_merged_shards, shard_type, stored_samples
-   use io_store, only: create_unfinished, discard_file, new_store, remove_leftovers, &
-                       remove_store, shard_store
+   use io_store, only: create_unfinished, discard_file, identity_type, new_store, &
+                       remove_leftovers, remove_store, shard_store
    use parallel_world, only: stop_world, world_type
    implicit none(type, external)
    private
@@ -150,8 +149,9 @@ contains
                          to_text(sum(plan%cases%n_samples))//' samples are there')
    end subroutine open_output
 
-   !> Takes the lock and finds the results of an earlier run. A run that shares the output with
-   !> others removes no files.
+   !> Takes the lock and finds the results of an earlier run. Finds whether they are complete; checks
+   !> that a run can extend them if not, and removes shards that they contain if they are. A run that
+   !> shares the output with others removes no files.
    subroutine lock_and_resume(is_fresh, plan, output, error)
       logical, intent(in) :: is_fresh   !! true for --fresh: earlier results are removed
       type(plan_type), intent(in) :: plan
@@ -165,32 +165,23 @@ contains
          call take_lock(output%path, output%lock, error, output%is_shared)
          if (.not. allocated(error)) &
             call count_stored_samples(output%path, output%store%identity, output%n_stored, error)
-         if (allocated(output%n_stored)) call resume_results(plan, output, error)
+         if (allocated(output%n_stored)) then
+            output%is_complete = all(output%n_stored(:size(plan%cases)) >= plan%cases%n_samples)
+            if (output%is_complete .and. plan%n_realizations > 0) output%is_complete = &
+               has_realizations(output%path, plan%n_points, plan%n_realizations)
+            if (output%is_complete .and. plan%has_structure .and. .not. output%is_shared) &
+               call mark_incomplete(plan, output, error)
+            if (.not. (allocated(error) .or. output%is_complete)) then
+               call refuse_loss(plan, output%n_stored, output%path, error)
+            else if (.not. (allocated(error) .or. output%is_shared)) then
+               call remove_merged_shards(output%store, output%lock, output%n_stored, error)
+            end if
+         end if
       end if
       if (.not. allocated(output%n_stored)) output%n_stored = spread(0, 1, size(plan%cases))
       if (.not. (allocated(error) .or. output%is_complete .or. output%is_shared)) &
          call remove_leftovers(output%store, error)
    end subroutine lock_and_resume
-
-   !> Finds whether an earlier results file is complete. Checks that a run can extend it if not, and
-   !> removes shards that it contains if it is.
-   subroutine resume_results(plan, output, error)
-      type(plan_type), intent(in) :: plan
-      type(output_type), intent(inout) :: output
-      type(error_type), allocatable, intent(out) :: error
-
-      output%is_complete = all(output%n_stored(:size(plan%cases)) >= plan%cases%n_samples)
-      if (output%is_complete .and. plan%n_realizations > 0) output%is_complete = &
-         has_realizations(output%path, plan%n_points, plan%n_realizations)
-      if (output%is_complete .and. plan%has_structure .and. .not. output%is_shared) &
-         call mark_incomplete(plan, output, error)
-      if (allocated(error)) return
-      if (.not. output%is_complete) then
-         call refuse_loss(plan, output%n_stored, output%path, error)
-      else if (.not. output%is_shared) then
-         call remove_merged_shards(output%store, output%lock, output%n_stored, error)
-      end if
-   end subroutine resume_results
 
    !> Refuses to make results anew without the spectra of their samples, or with fewer samples or
    !> audited samples, for instance for a larger audit. With accuracy%sample_until_met the run
@@ -355,10 +346,9 @@ contains
    end function now
 
    !> True if this rank is to march a block: with --share, if no other run has claimed or stored it.
-   function claim(self, block) result(is_ours)
+   logical function claim(self, block) result(is_ours)
       class(output_type), intent(in) :: self
       type(block_range), intent(in) :: block
-      logical :: is_ours
 
       is_ours = .true.
       if (.not. self%is_shared) return
@@ -378,9 +368,8 @@ contains
    end subroutine release
 
    !> Number of a block in the lock, equal for every run.
-   pure function lock_number(block) result(number)
+   pure integer(long) function lock_number(block) result(number)
       type(block_range), intent(in) :: block
-      integer(long) :: number
 
       number = block%case_number*2_long**32 + block%first
    end function lock_number

@@ -17,9 +17,8 @@ module driver_whatif
    use driver_regression, only: find_estimates
    use driver_statistics, only: find_statistics
    use io_earlier_results, only: case_errors, read_campaign, stored_in_results
-   use io_identity, only: identity_type
    use io_shards, only: shard_type, sort_shards, stored_samples
-   use io_store, only: new_store
+   use io_store, only: identity_type, new_store
    use parallel_world, only: start_world, stop_world, world_type
    use process_model, only: lengths_of, process_model_type
    use statistics_estimates, only: is_near_samples, normal_95, statistic_type
@@ -271,7 +270,7 @@ contains
       end associate
    end function tables_text
 
-   !> Table of statistics: the mean, the percentiles and a last one. Those of a law that is too far
+   !> Table of statistics with their standard errors: the mean, the percentiles and a last one. Those of a law that is too far
    !> from the samples are dashes, and one dash stands for a table of them.
    pure function table_text(title, place, numbers, last, percentiles, scale, rows) result(text)
       character(*), intent(in) :: title   !! quantity and unit
@@ -282,6 +281,7 @@ contains
       real(wp), intent(in) :: scale            !! factor on the statistics
       type(statistic_type), intent(in) :: rows(:, :)   !! (row, statistic)
       character(:), allocatable :: cells, columns, text
+      real(wp) :: error
       integer :: i, s
 
       text = title//'  -'//line_feed
@@ -295,23 +295,17 @@ contains
       do i = 1, size(rows, 1)
          cells = to_text(numbers(i))
          do s = 1, size(rows, 2)
-            cells = cells//'|'//cell_text(rows(i, s), scale)
+            associate (cell => rows(i, s))   ! the error of a percentile is taken from its interval
+               error = cell%error + (cell%high - cell%low)/(2.0_wp*normal_95)
+               if (is_near_samples(cell)) then
+                  cells = cells//'|'//with_error(scale*cell%value, scale*error)
+               else
+                  cells = cells//'|-'
+               end if
+            end associate
          end do
          text = text//row_text(columns, cells)
       end do
    end function table_text
-
-   !> A statistic with its standard error; that of a percentile is taken from its interval.
-   pure function cell_text(statistic, scale) result(text)
-      type(statistic_type), intent(in) :: statistic
-      real(wp), intent(in) :: scale
-      character(:), allocatable :: text
-      real(wp) :: error
-
-      error = statistic%error + (statistic%high - statistic%low)/(2.0_wp*normal_95)
-      text = '-'
-      if (is_near_samples(statistic)) &
-         text = with_error(scale*statistic%value, scale*error)
-   end function cell_text
 
 end module driver_whatif

@@ -165,17 +165,10 @@ contains
       can_join = plan%estimator == 'pooled' .and. .not. plan%excitation%per_sample .and. &
                  have_same_force(plan%cases(members(1)), plan%cases(number)) .and. &
                  sum(real(plan%cases([members, number])%n_samples, wp)) <= most_pooled .and. &
-                 all([(label_of_case(plan, members(i)) /= label_of_case(plan, number), &
+                 all([(request_label(plan%processes(plan%cases(members(i))%process)) /= &
+                       request_label(plan%processes(plan%cases(number)%process)), &
                        i=1, size(members))])
    end function can_join
-
-   !> Label of the process of a case, which is that of its random streams.
-   pure integer(long) function label_of_case(plan, number)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: number   !! case number
-
-      label_of_case = request_label(plan%processes(plan%cases(number)%process))
-   end function label_of_case
 
    !> Reason why a case has plain estimates; '' if it has a regression.
    pure function reason_for_plain(plan, number) result(reason)

@@ -77,6 +77,7 @@ contains
       character(:), allocatable :: text
       real(wp), parameter :: unknown = huge(1.0_wp)
       integer, parameter :: many_parts = 16   ! modes below 1/(2 dt) need 8 at tolerance 1e-6
+      integer :: n   ! modes above 1/(2 dt)
 
       text = ''
       select type (marcher => self%marcher)
@@ -89,29 +90,19 @@ contains
                text = text//'; by '//trim(merge('power series', 'modes       ', is_modal))// &
                       ' '//to_text(nint(merge(series, modes, is_modal)))
             if (marcher%parts > 1) text = text//'; '//to_text(marcher%parts)//' parts a step'
-            if (is_modal .and. marcher%parts >= many_parts) &
-               text = text//high_modes_text(marcher)
+            if (.not. is_modal .or. marcher%parts < many_parts) return
+         end associate
+         ! The sampled force cannot contain modes above 1/(2 dt). A reduced model without them needs
+         ! fewer parts of a step, if there are more such modes than dofs of joints.
+         associate (structure => marcher%structure, limit => 0.5_wp/marcher%dt)
+            n = count(structure%frequencies_stuck > limit)
+            if (n > 0) text = text//', as '//to_text(n)//' of '//to_text(structure%n_dof)// &
+                              ' modes are above 1/(2 dt) = '//brief(limit)//' Hz'
+            if (n > count(any(abs(structure%direction) > 0.0_wp, dim=2))) &
+               text = text//': the importer''s --modes leaves out all but those of the joints'
          end associate
       end select
    end function form_of_march
-
-   !> Text on the modes above 1/(2 dt), which the sampled force cannot contain. A reduced model
-   !> without them needs fewer parts of a step, if there are more such modes than dofs of joints. ''
-   !> without such modes.
-   pure function high_modes_text(marcher) result(text)
-      type(exact_march), intent(in) :: marcher
-      character(:), allocatable :: text
-
-      text = ''
-      associate (frequency => marcher%structure%frequencies_stuck, limit => 0.5_wp/marcher%dt)
-         if (all(frequency <= limit)) return
-         text = ', as '//to_text(count(frequency > limit))//' of '//to_text(size(frequency))// &
-                ' modes are above 1/(2 dt) = '//brief(limit)//' Hz'
-         if (count(frequency > limit) > &
-             count(any(abs(marcher%structure%direction) > 0.0_wp, dim=2))) &
-            text = text//': the importer''s --modes leaves out all but those of the joints'
-      end associate
-   end function high_modes_text
 
    !> Creates the marcher of a method for the plan's structure.
    subroutine new_marcher(plan, integration, marcher, error)

@@ -48,8 +48,7 @@ contains
    end subroutine catch_stop_signals
 
    !> True if this rank has received a signal to stop.
-   function stop_requested() result(is_requested)
-      logical :: is_requested
+   logical function stop_requested() result(is_requested)
 
       is_requested = caught /= 0
    end function stop_requested

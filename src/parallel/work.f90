@@ -53,10 +53,9 @@ contains
    end subroutine new_counter
 
    !> Next item for this rank; 0 if none is left.
-   function next(self, stops) result(item)
+   integer function next(self, stops) result(item)
       class(work_counter), intent(inout) :: self
       logical, intent(in) :: stops   !! no rank gets an item any more
-      integer :: item
       integer(long) :: before
 
       if (self%world%n_ranks == 1) then

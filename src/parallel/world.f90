@@ -70,8 +70,7 @@ contains
    end subroutine attend_to_others
 
    !> True if mpirun or the launcher of a batch system started this process.
-   function was_launched()
-      logical :: was_launched
+   logical function was_launched()
       character(*), parameter :: names(*) = [character(20) :: 'OMPI_COMM_WORLD_SIZE', 'PMIX_RANK', &
                                                                          'PMI_RANK', 'SLURM_PROCID']
       integer :: i, status
@@ -107,9 +106,8 @@ contains
    end subroutine stop_world
 
    !> World of a communicator.
-   function new_world(comm) result(world)
+   type(world_type) function new_world(comm) result(world)
       type(MPI_Comm), intent(in) :: comm
-      type(world_type) :: world
 
       world%comm = comm
       call MPI_Comm_rank(comm, world%rank)
@@ -117,9 +115,8 @@ contains
    end function new_world
 
    !> True on the root.
-   pure function is_root(self)
+   pure logical function is_root(self)
       class(world_type), intent(in) :: self
-      logical :: is_root
 
       is_root = self%rank == 0
    end function is_root
@@ -158,10 +155,9 @@ contains
    end subroutine wait_for_all
 
    !> True if `value` is true on any rank; collective.
-   function any_true(self, value) result(is_true)
+   logical function any_true(self, value) result(is_true)
       class(world_type), intent(in) :: self
       logical, intent(in) :: value
-      logical :: is_true
 
       is_true = self%maximum(merge(1, 0, value)) == 1
    end function any_true
@@ -194,10 +190,9 @@ contains
    end subroutine join
 
    !> Largest value over the ranks; collective.
-   function maximum(self, value) result(largest)
+   integer function maximum(self, value) result(largest)
       class(world_type), intent(in) :: self
       integer, intent(in) :: value
-      integer :: largest
 
       call MPI_Allreduce(value, largest, 1, MPI_INTEGER, MPI_MAX, self%comm)
    end function maximum

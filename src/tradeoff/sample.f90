@@ -44,7 +44,7 @@ contains
       type(level_type), allocatable, intent(out) :: levels(:)
       real(wp), allocatable :: strengths(:)
       integer, allocatable :: cases(:)
-      integer :: i, k, n
+      integer :: i, k, n, sample, width
 
       allocate (strengths(0))
       do i = 1, size(plan%cases)
@@ -60,29 +60,17 @@ contains
          cases = pack([(i, i=1, size(plan%cases))], &
                       abs(plan%cases%strength - levels(k)%strength) <= 0.0_wp)
          levels(k)%n_all = sum(plan%cases(cases)%n_samples)
-         call fill_block(plan, cases, levels(k))
+         ! samples 1 of the cases in turn, then samples 2, ...; no more than the largest case has
+         width = min(block_width(plan), maxval(plan%cases(cases)%n_samples))
+         allocate (levels(k)%samples(0))
+         do sample = 1, width
+            levels(k)%samples = [levels(k)%samples, &
+                                 pack([(block_range(cases(i), sample, sample), i=1, size(cases))], &
+                                      plan%cases(cases)%n_samples >= sample)]
+         end do
+         levels(k)%samples = levels(k)%samples(:width)
       end do
    end subroutine choose_levels
-
-   !> Fills a block with samples 1 of the cases in turn, then samples 2, ... The block is not wider
-   !> than the largest case.
-   pure subroutine fill_block(plan, cases, level)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: cases(:)   !! case numbers
-      type(level_type), intent(inout) :: level
-      integer :: i, most, sample, width
-
-      allocate (level%samples(0))
-      most = maxval(plan%cases(cases)%n_samples)
-      width = min(block_width(plan), most)
-      do sample = 1, most
-         do i = 1, size(cases)
-            if (size(level%samples) == width) return
-            if (sample > plan%cases(cases(i))%n_samples) cycle
-            level%samples = [level%samples, block_range(cases(i), sample, sample)]
-         end do
-      end do
-   end subroutine fill_block
 
    !> Draws the friction and the force of a level's samples. Without models, substitute_friction
    !> draws the friction: numerical errors hardly depend on more than its mean and scatter.
