@@ -8,13 +8,13 @@ module driver_check
    use config_summary, only: summary_text
    use core_error, only: error_type, exit_done
    use core_kinds, only: long, wp
-   use core_terminal, only: say
    use core_text, only: brief, duration, labelled, line_feed, size_text, to_text
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
    use driver_judge_results, only: need_words
    use driver_processes, only: solve_processes
    use driver_trial_runs, only: choose_setting, measure_settings, choose_spectrum_step
+   use io_progress, only: inform, set_quiet
    use parallel_world, only: start_world, stop_world, world_type
    use process_fit, only: predict_process
    use process_model, only: process_model_type
@@ -41,45 +41,42 @@ contains
       type(process_model_type), allocatable :: models(:)
       type(cost_type) :: cost
       character(:), allocatable :: choice, march, need, text
-      logical :: is_quiet
       type(error_type), allocatable :: error, oversize
 
       call start_world(world)
+      call set_quiet(line%has('--quiet') .or. .not. world%is_root())
       call load_plan(line, scene, plan, error)
       call world%stop_on(error)
-      is_quiet = line%has('--quiet') .or. .not. world%is_root()
-      call choose_setting(world, is_quiet, scene, plan, choice, most_seconds)
+      call choose_setting(world, scene, plan, choice, most_seconds)
       call choose_spectrum_step(world, plan, scene%force, most_seconds, error)
       if (plan%has_structure .and. world%is_root() .and. .not. allocated(error)) &
          call measure_cost(plan, scene%force, most_seconds, cost, error)
       call world%stop_on(error)
-      call predict_samples_needed(world, is_quiet, plan, scene%force, cost, need)
+      call predict_samples_needed(world, plan, scene%force, cost, need)
       if (world%is_root()) then
          call predict_processes(plan, models)
-         if (.not. is_quiet) then
-            text = summary_text(scene, plan, cost%nanoseconds, world%n_ranks, cost%transitions, &
-                                models, cost%audit_nanoseconds, &
-                                end_seconds(plan, models, cost, world%n_ranks), &
-                                cost%share_powerful)
-            call refuse_oversize(plan, oversize)
-            if (allocated(oversize)) text = text//'note: '//oversize%message//line_feed
-            if (cost%n_steps > 0) then
-               if (cost%form /= '') text = text//labelled('exact march', cost%form)
-               march = ' in a step of a sample, in the first '//to_text(cost%n_steps)//' steps'
-               if (cost%transitions > 0.0_wp) then
-                  march = brief(cost%transitions)//march
-               else
-                  march = 'none'//march//': the march is linear'
-               end if
-               text = text//labelled('transitions', march)
+         text = summary_text(scene, plan, cost%nanoseconds, world%n_ranks, cost%transitions, &
+                             models, cost%audit_nanoseconds, &
+                             end_seconds(plan, models, cost, world%n_ranks), &
+                             cost%share_powerful)
+         call refuse_oversize(plan, oversize)
+         if (allocated(oversize)) text = text//'note: '//oversize%message//line_feed
+         if (cost%n_steps > 0) then
+            if (cost%form /= '') text = text//labelled('exact march', cost%form)
+            march = ' in a step of a sample, in the first '//to_text(cost%n_steps)//' steps'
+            if (cost%transitions > 0.0_wp) then
+               march = brief(cost%transitions)//march
+            else
+               march = 'none'//march//': the march is linear'
             end if
-            if (plan%has_structure .and. plan%output%spectrum .and. &
-                plan%output%spectrum_every == 0) &
-               text = text//labelled('not tried', 'output%spectrum_every is left to run, as '// &
-                                     'its march takes long: here spectra are of every step')
-            text = text//choice//need
-            call say(text(:len(text) - 1))
+            text = text//labelled('transitions', march)
          end if
+         if (plan%has_structure .and. plan%output%spectrum .and. &
+             plan%output%spectrum_every == 0) &
+            text = text//labelled('not tried', 'output%spectrum_every is left to run, as '// &
+                                  'its march takes long: here spectra are of every step')
+         text = text//choice//need
+         call inform(text(:len(text) - 1))
          call refuse_unsolved(plan, models, error)
       end if
       call world%stop_on(error)
@@ -108,9 +105,8 @@ contains
    !> Predicts the standard error and, if it exceeds accuracy%target_statistical, the samples and
    !> steps that meet the target, with enough samples for a regression. Fits the processes for it.
    !> Collective.
-   subroutine predict_samples_needed(world, is_quiet, plan, force, cost, text)
+   subroutine predict_samples_needed(world, plan, force, cost, text)
       type(world_type), intent(in) :: world
-      logical, intent(in) :: is_quiet
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (0:n_steps, record) force file [N]; else size 0
       type(cost_type), intent(in) :: cost    !! known on the root
@@ -128,12 +124,12 @@ contains
       text = ''
       if (.not. (plan%has_structure .and. plan%accuracy%target_statistical > 0.0_wp)) return
       if (all(plan%cases%process == 0)) return
-      call solve_processes(world, plan, is_quiet, models)
+      call solve_processes(world, plan, models)
       if (.not. all(models%is_solved)) return
       call measure_settings(world, plan, force, trial_scope(most_seconds, most_seconds, &
                                                             has_settings=.false., &
                                                             is_statistical=.true., models=models), &
-                            is_quiet, measured, error)
+                            measured, error)
       call world%stop_on(error)
       if (.not. allocated(measured%tasks)) then
          text = labelled('statistics', 'target_statistical is left to run: trial marches take long')

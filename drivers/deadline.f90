@@ -2,8 +2,8 @@
 module driver_deadline
    use core_error, only: error_type, exit_stopped
    use core_kinds, only: long, wp
-   use core_terminal, only: say
    use io_lock, only: lock_type
+   use io_progress, only: inform
    use parallel_signals, only: catch_stop_signals, stop_requested
    use parallel_world, only: attend_to_others, stop_world, world_type
    implicit none(type, external)
@@ -46,9 +46,8 @@ contains
    end function time_to_stop
 
    !> Ends the command if any rank was requested to stop, and says what is kept. Collective.
-   subroutine end_if_requested(world, is_quiet, keeps_work, lock)
+   subroutine end_if_requested(world, keeps_work, lock)
       type(world_type), intent(in) :: world
-      logical, intent(in) :: is_quiet     !! true also on all ranks but the root
       logical, intent(in) :: keeps_work   !! true if the command continues from finished work
       type(lock_type), intent(inout), optional :: lock
       type(error_type), allocatable :: ignored   ! a remaining lock file is not a lock
@@ -57,7 +56,7 @@ contains
       if (.not. world%any_true(time_to_stop())) return
       outcome = 'nothing is kept: start again'
       if (keeps_work) outcome = 'what is finished is safe: start again to continue'
-      if (.not. is_quiet) call say('stopped early; '//outcome)
+      call inform('stopped early; '//outcome)
       if (present(lock)) call lock%release(ignored)
       call stop_world(exit_stopped)
    end subroutine end_if_requested

@@ -11,7 +11,7 @@ module driver_estimate
                         to_text, with_error
    use driver_command_line, only: command_line
    use io_files, only: exists, folder_of, make_folder, write_new_file
-   use io_progress, only: progress_type
+   use io_progress, only: inform, progress_type, set_quiet
    use parallel_world, only: start_world, stop_world, world_type
    use process_estimate, only: estimate_process, measured_record, process_estimate_type
    implicit none(type, external)
@@ -36,6 +36,7 @@ contains
       integer, parameter :: n_copies = 400   ! realizations for each record
 
       call start_world(world)
+      call set_quiet(line%has('--quiet'))
       if (world%is_root()) then
          call read_measured(line%scene, records, complaints)
          if (complaints%n > 0) call raise(error, exit_bad_input, complaints%text)
@@ -43,29 +44,29 @@ contains
             if (exists(line%output)) call raise(error, exit_file, line%output// &
                                                 ': exists already: choose another name')
          end if
-         if (.not. (allocated(error) .or. line%has('--quiet'))) &
+         if (.not. allocated(error)) then
             call progress%announce('fitting processes to the values, then to realizations of '// &
                                    'the best one')
-         if (.not. allocated(error)) then
             call estimate_process(records, seed, found, error)
             if (allocated(error)) error%message = line%scene//': '//error%message
          end if
          call progress%finish()
-         if (.not. (allocated(error) .or. line%has('--quiet'))) call say(estimates_text(found))
+         if (.not. allocated(error)) call inform(estimates_text(found))
          if (.not. allocated(line%output)) then
             if (.not. allocated(error)) call say(group_text(line%scene, found))
          else
             if (.not. allocated(error)) call make_folder(folder_of(line%output), error)
             if (.not. allocated(error)) &
                call write_new_file(line%output, group_text(line%scene, found), error)
-            if (.not. (allocated(error) .or. line%has('--quiet'))) &
-               call say('written to '//line%output//'; to draw the values beside the process:'// &
-                        line_feed//'  entroslip run '//shell_word(line%output)// &
-                        ' --set process%n_points='//to_text(found%n_points)// &
-                        ' --set process%n_realizations='//to_text(n_copies*found%n_records)// &
-                        line_feed//'  python -m entroslip '// &
-                        shell_word(scene_name(line%output)//'.h5')//' --measured '// &
-                        shell_word(line%scene)//' --out figures')
+            if (.not. allocated(error)) &
+               call inform('written to '//line%output//'; to draw the values beside the '// &
+                           'process:'//line_feed//'  entroslip run '//shell_word(line%output)// &
+                           ' --set process%n_points='//to_text(found%n_points)// &
+                           ' --set process%n_realizations='// &
+                           to_text(n_copies*found%n_records)//line_feed// &
+                           '  python -m entroslip '// &
+                           shell_word(scene_name(line%output)//'.h5')//' --measured '// &
+                           shell_word(line%scene)//' --out figures')
          end if
       end if
       call world%stop_on(error)

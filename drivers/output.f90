@@ -14,7 +14,6 @@ module driver_output
    use core_error, only: error_type, exit_file, raise
    use core_kinds, only: long, wp
    use core_source, only: is_folder
-   use core_terminal, only: say_line => say
    use core_text, only: counted, to_text
    use driver_build_info, only: architecture, compiler_flags, git_commit, version
    use driver_command_line, only: command_line
@@ -23,6 +22,7 @@ module driver_output
    use io_files, only: exists, follow_links, remove_file
    use io_hdf5, only: hdf5_file, hdf5_object
    use io_lock, only: lock_type, take_lock
+   use io_progress, only: inform
    use io_shards, only: finished_samples, list_shards, sort_shards, shard_path, read_shard, &
                         remove_merged_shards, shard_type, stored_samples
    use io_store, only: create_unfinished, discard_file, identity_type, new_store, &
@@ -39,7 +39,6 @@ module driver_output
       character(:), allocatable :: overrides      !! --set options, one a line
       character(:), allocatable :: path
       type(shard_store) :: store
-      logical :: is_quiet = .false.
       logical :: is_shared = .false.              !! true for --share: no run merges the shards
       logical :: is_complete = .false.            !! true if an earlier run left nothing to do
       !> True on the root if the file has more samples than the scene, and other estimates of them
@@ -54,7 +53,6 @@ module driver_output
       procedure :: list_stored
       procedure :: verify
       procedure :: begin_file
-      procedure :: say
       procedure :: stop_on
       procedure :: end_run
    end type output_type
@@ -103,7 +101,6 @@ contains
       identity%architecture = architecture//', '//compiler_version()
       identity%command = line%command
       output%store = new_store(output%path, identity)
-      output%is_quiet = line%has('--quiet') .or. .not. world%is_root()
    end subroutine name_output
 
    !> Takes the lock, and removes the shards that an earlier run left.
@@ -145,13 +142,13 @@ contains
       call output%stop_on(error)
       output%is_finished = finished_samples(stored%shards, plan%cases%n_samples)
       if (any(output%is_finished)) &
-         call output%say('continuing: '//to_text(count(output%is_finished))//' of '// &
+         call inform('continuing: '//to_text(count(output%is_finished))//' of '// &
                          to_text(sum(plan%cases%n_samples))//' samples are there')
    end subroutine open_output
 
-   !> Takes the lock and finds the results of an earlier run. Finds whether they are complete; checks
-   !> that a run can extend them if not, and removes shards that they contain if they are. A run that
-   !> shares the output with others removes no files.
+   !> Takes the lock and finds the results of an earlier run. Finds whether they are complete;
+   !> checks that a run can extend them if not, and removes shards that they contain if they are. A
+   !> run that shares the output with others removes no files.
    subroutine lock_and_resume(is_fresh, plan, output, error)
       logical, intent(in) :: is_fresh   !! true for --fresh: earlier results are removed
       type(plan_type), intent(in) :: plan
@@ -373,14 +370,6 @@ contains
 
       number = block%case_number*2_long**32 + block%first
    end function lock_number
-
-   !> Prints a line on the root, unless --quiet is given.
-   subroutine say(self, text)
-      class(output_type), intent(in) :: self
-      character(*), intent(in) :: text
-
-      if (.not. self%is_quiet) call say_line(text)
-   end subroutine say
 
    !> Unlocks the output, removes an empty store and ends the run if any rank has an error. If
    !> another run has taken the output, reports that as the cause. Collective.

@@ -7,7 +7,7 @@ module driver_processes
    use driver_deadline, only: time_to_stop
    use driver_output, only: output_type
    use io_process_results, only: store_process, read_stored_processes
-   use io_progress, only: progress_type
+   use io_progress, only: inform, progress_type
    use numerics_sorting, only: sort_order
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
@@ -36,10 +36,9 @@ contains
    !> fit. Ranks fit different processes; a long search over signs is divided among all ranks. With
    !> an output, loads the processes that it holds and stores each new one at once. After a request
    !> to stop or an error the remaining processes stay unsolved, without a reason. Collective.
-   subroutine solve_processes(world, plan, is_quiet, models, output, error, wanted)
+   subroutine solve_processes(world, plan, models, output, error, wanted)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
-      logical, intent(in) :: is_quiet
       type(process_model_type), allocatable, intent(out) :: models(:)
       type(output_type), intent(in), optional :: output
       type(error_type), allocatable, intent(out), optional :: error   !! with an output
@@ -71,7 +70,7 @@ contains
       fits = sort_order(-(requests%order + requests%std))
       fits = pack(fits, [(any(is_missing .and. first == fits(i)), i=1, size(fits))])
       call new_counter(world, size(fits), counter)
-      if (size(fits) > 0 .and. .not. is_quiet) call progress%start(size(fits), 0, 'processes')
+      if (size(fits) > 0) call progress%start(size(fits), 0, 'processes')
       do
          item = counter%next(stops=time_to_stop() .or. allocated(failure))
          if (item == 0) exit
@@ -86,7 +85,7 @@ contains
       do i = 1, size(fits)
          if (n_parts(fits(i)) == 1) cycle
          call search_together(world, requests(fits(i)), n_parts(fits(i)), allocated(failure), &
-                              is_quiet, fit)
+                              fit)
          if (fit%is_solved .or. allocated(fit%reason)) &
             call keep_models(world, plan, fit, is_missing .and. first == fits(i), models, owner, &
                              failure, output)
@@ -135,7 +134,7 @@ contains
       if (output%world%is_root()) then
          call read_stored_processes(output%store, models, is_kept, error)
          if (any(is_kept) .and. .not. allocated(error)) &
-            call output%say('continuing: '//to_text(count(is_kept))//' of '// &
+            call inform('continuing: '//to_text(count(is_kept))//' of '// &
                             counted(size(is_kept), 'process is', 'processes are')//' there')
          known = merge(0, owner, is_kept)
       end if
@@ -159,12 +158,11 @@ contains
 
    !> Solves all sequences of signs of a process in parts that the ranks share; the root selects the
    !> best solution unless parts are missing. Collective.
-   subroutine search_together(world, request, n_parts, stops, is_quiet, model)
+   subroutine search_together(world, request, n_parts, stops, model)
       type(world_type), intent(in) :: world
       type(process_request), intent(in) :: request
       integer, intent(in) :: n_parts
       logical, intent(in) :: stops   !! true if this rank has an error: no part is begun
-      logical, intent(in) :: is_quiet
       type(process_model_type), intent(out) :: model
       type(sign_search_result) :: search          ! parts of this rank
       type(work_counter) :: counter
@@ -175,7 +173,7 @@ contains
 
       allocate (search%solutions(0))   ! a rank may get no part
       call new_counter(world, n_parts, counter)
-      if (.not. is_quiet) call progress%start(n_parts, 0, 'parts of a process')
+      call progress%start(n_parts, 0, 'parts of a process')
       do
          part = counter%next(stops=time_to_stop() .or. stops)
          if (part == 0) exit

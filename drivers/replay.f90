@@ -14,6 +14,7 @@ module driver_replay
    use driver_results, only: write_results
    use driver_run, only: march_campaign, prepare_march
    use driver_trial_runs, only: choose_setting
+   use io_progress, only: inform, set_quiet
    use io_store, only: remove_store
    use parallel_world, only: start_world, world_type
    use process_model, only: process_model_type
@@ -40,12 +41,12 @@ contains
 
       call start_watch()
       call start_world(world)
+      call set_quiet(line%has('--quiet') .or. .not. world%is_root())
       call load_plan(line, scene, plan, error)
       if (.not. allocated(error)) call check_sample(line, plan, error)
       if (.not. allocated(error)) call refuse_oversize(plan, error)
       call world%stop_on(error)
-      call choose_setting(world, line%has('--quiet') .or. .not. world%is_root(), scene, plan, &
-                          choice)
+      call choose_setting(world, scene, plan, choice)
       write (ending, '(a, i0.3, a, i0.4, a)') '_c', line%case_number, '_s', line%sample, '.h5'
       call open_new_output(world, line, scene, trim(ending), output)
       plan%output%history = .true.
@@ -54,12 +55,12 @@ contains
       plan%n_realizations = 0
       call prepare_march(world, plan, scene%force, runner, error)
       call output%stop_on(error)
-      call solve_processes(world, plan, output%is_quiet, models, &
+      call solve_processes(world, plan, models, &
                            wanted=[(p == plan%cases(line%case_number)%process, &
                                     p=1, size(plan%processes))])
       call refuse_unsolved(plan, models, error)
       call output%stop_on(error)
-      call end_if_requested(world, output%is_quiet, .false., output%lock)
+      call end_if_requested(world, .false., output%lock)
       runner%plan%cases%n_samples = 0   ! but the wanted one
       runner%plan%cases(line%case_number)%n_samples = 1
       runner%plan%cases(line%case_number)%first_sample = line%sample
@@ -68,11 +69,11 @@ contains
       call march_campaign(models, runner, output, error)
       if (allocated(error)) call remove_store(output%store, ignored)   ! a replay does not resume
       call output%stop_on(error)
-      call end_if_requested(world, output%is_quiet, .false., output%lock)
+      call end_if_requested(world, .false., output%lock)
       call write_results(runner%plan, models, runner, output, error)
       if (allocated(error)) call remove_store(output%store, ignored)
       call output%stop_on(error)
-      call output%say(output%path//': its history, transitions and energies. Draw it: '// &
+      call inform(output%path//': its history, transitions and energies. Draw it: '// &
                       'python -m entroslip '//shell_word(output%path)//' --out figures')
       call output%end_run(exit_done)
    end subroutine replay

@@ -20,7 +20,7 @@ module driver_run
    use driver_results, only: write_results
    use driver_trial_runs, only: choose_setting, choose_spectrum_step
    use io_files, only: exists
-   use io_progress, only: progress_type
+   use io_progress, only: inform, progress_type, set_quiet
    use io_shards, only: write_shard
    use io_store, only: remove_store, shard_store
    use parallel_work, only: new_counter, work_counter
@@ -46,18 +46,18 @@ contains
 
       call start_watch()
       call start_world(world)
+      call set_quiet(line%has('--quiet') .or. .not. world%is_root())
       call load_plan(line, scene, plan, error)
       if (.not. allocated(error)) call check_share(line, plan, error)
       if (.not. allocated(error)) call refuse_oversize(plan, error)
       call world%stop_on(error)
       call set_limit(plan%walltime)
-      call choose_setting(world, line%has('--quiet') .or. .not. world%is_root(), scene, plan, &
-                          choice)
+      call choose_setting(world, scene, plan, choice)
       call add_audits(plan)
       call open_output(world, line, scene, plan, output)
       if (output%is_complete) then
          if (world%is_root()) then
-            call output%say(output%path//' is complete: nothing to do'//surplus_text(plan, output))
+            call inform(output%path//' is complete: nothing to do'//surplus_text(plan, output))
             call judge(output%path, plan, errors, error)
          end if
          call output%stop_on(error)
@@ -65,15 +65,15 @@ contains
          return
       end if
 
-      if (choice /= '') call output%say(choice(:len(choice) - 1))
-      call solve_processes(world, plan, output%is_quiet, models, output, error)
+      if (choice /= '') call inform(choice(:len(choice) - 1))
+      call solve_processes(world, plan, models, output, error)
       call output%stop_on(error)
-      call end_if_requested(output%world, output%is_quiet, .true., output%lock)
+      call end_if_requested(output%world, .true., output%lock)
       call refuse_unsolved(plan, models, error)
       if (allocated(error) .and. world%is_root() .and. .not. output%is_shared) &
          call remove_store(output%store, ignored)   ! it has no samples
       call output%stop_on(error)
-      call print_process_notes(models, output)
+      call print_process_notes(models)
       if (plan%has_structure) then
          call prepare_march(world, plan, scene%force, runner, error)
          call output%stop_on(error)
@@ -88,10 +88,10 @@ contains
       call output%stop_on(error)
       if (world%is_root()) then
          call judge(output%path, plan, errors, error)
-         call output%say(summary(plan, output))
-         call output%say(duration(seconds_so_far())//errors)
+         call inform(summary(plan, output))
+         call inform(duration(seconds_so_far())//errors)
          if (exists(output%store%folder)) &
-            call output%say('samples beyond these stay in '//output%store%folder)
+            call inform('samples beyond these stay in '//output%store%folder)
       end if
       call output%stop_on(error)
       call output%end_run(exit_done)
@@ -140,9 +140,9 @@ contains
       if (output%world%is_root()) then
          n = sum(plan%cases%n_samples) - count(output%is_finished)
          if (n == 0) then
-            call output%say('every sample is there: run without --share to make '//output%path)
+            call inform('every sample is there: run without --share to make '//output%path)
          else
-            call output%say('no sample is left for this run: other runs march or left '// &
+            call inform('no sample is left for this run: other runs march or left '// &
                             counted(n, 'sample', 'samples')//'; at the end, run without --share')
          end if
       end if
@@ -179,7 +179,7 @@ contains
       do while (has_more)
          call march_campaign(models, runner, output, error)
          call output%stop_on(error)
-         call end_if_requested(output%world, output%is_quiet, .true., output%lock)
+         call end_if_requested(output%world, .true., output%lock)
          call add_samples(models, increment, runner%plan, output, has_more, error)
          call output%stop_on(error)
       end do
@@ -199,8 +199,7 @@ contains
 
       claims = open_claims(runner%plan, output%is_finished, output%world%n_ranks, output%is_shared)
       call new_counter(output%world, size(claims), counter)
-      if (.not. output%is_quiet) call progress%start(sum(runner%plan%cases%n_samples), &
-                                                     count(output%is_finished), 'samples')
+      call progress%start(sum(runner%plan%cases%n_samples), count(output%is_finished), 'samples')
       do
          item = counter%next(stops=time_to_stop() .or. allocated(error))
          if (item == 0) exit
@@ -302,18 +301,17 @@ contains
    end function summary
 
    !> Prints the processes that have no solution, with the reason, and those with alternating K(m).
-   subroutine print_process_notes(models, output)
+   subroutine print_process_notes(models)
       type(process_model_type), intent(in) :: models(:)
-      type(output_type), intent(in) :: output
       integer :: i
 
       do i = 1, size(models)
          if (allocated(models(i)%reason)) then
             if (.not. models(i)%is_solved) &
-               call output%say('process '//to_text(i)//' has no solution: '//models(i)%reason)
+               call inform('process '//to_text(i)//' has no solution: '//models(i)%reason)
          end if
          if (len(branch_note(models(i))) > 0) &
-            call output%say('process '//to_text(i)//': '//branch_note(models(i)))
+            call inform('process '//to_text(i)//': '//branch_note(models(i)))
       end do
    end subroutine print_process_notes
 

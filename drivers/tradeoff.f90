@@ -4,7 +4,6 @@ module driver_tradeoff
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_bad_input, exit_done, raise
    use core_kinds, only: wp
-   use core_terminal, only: say
    use core_text, only: counted
    use driver_campaign, only: load_plan, refuse_unsolved
    use driver_command_line, only: command_line
@@ -15,6 +14,7 @@ module driver_tradeoff
    use driver_tradeoff_text, only: tradeoff_text
    use driver_trial_runs, only: measure_settings
    use io_hdf5, only: hdf5_file
+   use io_progress, only: inform, set_quiet
    use io_results, only: finish_results
    use io_tradeoff_results, only: tradeoff_findings, write_tradeoff
    use parallel_world, only: start_world, world_type
@@ -47,6 +47,7 @@ contains
 
       call start_watch()
       call start_world(world)
+      call set_quiet(line%has('--quiet') .or. .not. world%is_root())
       call load_plan(line, scene, plan, error)
       if (.not. allocated(error) .and. plan%output%harmonic) &
          call raise(error, exit_bad_input, 'entroslip tradeoff needs noise or a force file: '// &
@@ -54,19 +55,19 @@ contains
       call world%stop_on(error)
       call set_limit(plan%walltime)
       call open_new_output(world, line, scene, '_tradeoff.h5', output)
-      call solve_processes(world, plan, output%is_quiet, models)
+      call solve_processes(world, plan, models)
       call refuse_unsolved(plan, models, error)
       call output%stop_on(error)
-      call end_if_requested(world, output%is_quiet, .false., output%lock)
+      call end_if_requested(world, .false., output%lock)
       if (plan%has_structure) &
-         call measure_march(world, plan, scene%force, models, output%is_quiet, found, error)
+         call measure_march(world, plan, scene%force, models, found, error)
       call output%stop_on(error)
-      call end_if_requested(world, output%is_quiet, .false., output%lock)
+      call end_if_requested(world, .false., output%lock)
       if (world%is_root()) then
          found%plan = plan
          found%n_ranks = world%n_ranks
          call compare_orders(plan, found%orders)
-         call output%say(tradeoff_text(found, models)//output%path)
+         call inform(tradeoff_text(found, models)//output%path)
          call output%begin_file(plan, file, error)
          if (.not. allocated(error)) then
             call write_tradeoff(file, found, error)
@@ -79,12 +80,11 @@ contains
 
    !> Measures settings, spectra and the components of the error, unless it is requested to stop.
    !> Collective.
-   subroutine measure_march(world, plan, force, models, is_quiet, found, error)
+   subroutine measure_march(world, plan, force, models, found, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
       type(process_model_type), intent(in) :: models(:)
-      logical, intent(in) :: is_quiet
       type(tradeoff_findings), intent(inout) :: found
       type(error_type), allocatable, intent(out) :: error
       type(trial_scope) :: scope
@@ -92,14 +92,14 @@ contains
 
       scope = trial_scope(budget=budget, for_table=.true., is_statistical=.true., models=models)
       call list_variants(plan, models, scope%variants)
-      if (size(scope%variants) > 0 .and. .not. is_quiet) &
-         call say('fitting '//counted(size(scope%variants), 'variant', 'variants')// &
+      if (size(scope%variants) > 0) &
+         call inform('fitting '//counted(size(scope%variants), 'variant', 'variants')// &
                   ' of processes')
       varied = plan
       varied%processes = scope%variants%request
-      call solve_processes(world, varied, is_quiet, scope%variant_models)
+      call solve_processes(world, varied, scope%variant_models)
       if (world%any_true(time_to_stop())) return
-      call measure_settings(world, plan, force, scope, is_quiet, found%tradeoff, error)
+      call measure_settings(world, plan, force, scope, found%tradeoff, error)
       if (world%any_true(time_to_stop())) return
       if (allocated(error)) return
       found%settings = setting_rows_of(found%tradeoff)

@@ -13,11 +13,10 @@ module driver_trial_runs
    use config_scene, only: scene_type
    use core_error, only: error_type, exit_no_solution, raise
    use core_kinds, only: wp
-   use core_terminal, only: say
    use core_text, only: brief, counted, duration, labelled, line_feed, to_text
    use driver_deadline, only: end_if_requested, time_to_stop
    use driver_tradeoff_text, only: setting_text
-   use io_progress, only: progress_type
+   use io_progress, only: inform, progress_type
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
    use tradeoff_front, only: meets_targets, nearest_to_targets, setting_row, setting_rows_of
@@ -37,12 +36,11 @@ contains
    !> Runs the trial marches of a scope, or none if they exceed scope%most_seconds: then no tasks
    !> are allocated. Every rank gets all results; after a request to stop some are missing.
    !> Collective.
-   subroutine measure_settings(world, plan, force, scope, is_quiet, tradeoff, error)
+   subroutine measure_settings(world, plan, force, scope, tradeoff, error)
       type(world_type), intent(in) :: world
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
       type(trial_scope), intent(in) :: scope
-      logical, intent(in) :: is_quiet
       type(tradeoff_type), intent(out) :: tradeoff
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: thinned
@@ -54,11 +52,10 @@ contains
       call world%stop_on(error)
       if (world%any_true(time_to_stop())) return
       if (.not. allocated(tradeoff%tasks)) return
-      if (.not. is_quiet) &
-         call say(to_text(size(tradeoff%tasks))//' trial marches, '// &
+      call inform(to_text(size(tradeoff%tasks))//' trial marches, '// &
                   duration(sum(tradeoff%seconds)/world%n_ranks)//' on '// &
                   counted(world%n_ranks, 'rank', 'ranks'))
-      call share_tasks(world, tradeoff, is_quiet, error)
+      call share_tasks(world, tradeoff, error)
    end subroutine measure_settings
 
    !> Chooses output%spectrum_every of a plan with spectra, the same on every rank; leaves it 0 if
@@ -83,10 +80,9 @@ contains
    end subroutine choose_spectrum_step
 
    !> Runs the tasks, shared among the ranks, and gives every rank all results. Collective.
-   subroutine share_tasks(world, tradeoff, is_quiet, error)
+   subroutine share_tasks(world, tradeoff, error)
       type(world_type), intent(in) :: world
       type(tradeoff_type), intent(inout) :: tradeoff
-      logical, intent(in) :: is_quiet
       type(error_type), allocatable, intent(out) :: error
       type(work_counter) :: counter
       type(progress_type) :: progress
@@ -97,7 +93,7 @@ contains
       n = size(tradeoff%tasks)
       owner = -1
       call new_counter(world, n, counter)
-      if (.not. is_quiet) call progress%start(n, 0, 'marches')
+      call progress%start(n, 0, 'marches')
       do
          i = counter%next(stops=time_to_stop() .or. allocated(error))
          if (i == 0) exit
@@ -130,9 +126,8 @@ contains
    !> setting keeps it, or if it is asked to stop. The choice does not depend on campaign%n_samples,
    !> so that a campaign can be extended. Chooses nothing, and says so, if the marches are expected
    !> to take longer than most_seconds. Collective.
-   subroutine choose_setting(world, is_quiet, scene, plan, choice, most_seconds)
+   subroutine choose_setting(world, scene, plan, choice, most_seconds)
       type(world_type), intent(in) :: world
-      logical, intent(in) :: is_quiet
       type(scene_type), intent(inout) :: scene
       type(plan_type), intent(inout) :: plan
       character(:), allocatable, intent(out) :: choice   !! lines on the choice; '' without target
@@ -150,15 +145,15 @@ contains
       associate (points => plan%accuracy%target_slip_points, &
                  ratio => plan%accuracy%target_band_ratio)
          if (.not. (plan%has_structure .and. max(points, ratio) > 0.0_wp)) return
-         if (.not. is_quiet) call say('comparing settings for the targets of &accuracy')
+         call inform('comparing settings for the targets of &accuracy')
          trial = plan
          where (trial%cases%process > 0) &
             trial%cases%n_samples = max(trial%cases%n_samples, samples_of_block(plan, scene%force))
          scope = trial_scope(budget=budget)
          if (present(most_seconds)) scope%most_seconds = most_seconds
-         call measure_settings(world, trial, scene%force, scope, is_quiet, measured, error)
+         call measure_settings(world, trial, scene%force, scope, measured, error)
          call world%stop_on(error)
-         call end_if_requested(world, is_quiet, .false.)
+         call end_if_requested(world, .false.)
          if (.not. allocated(measured%tasks)) then
             choice = labelled('accuracy', 'the setting for the targets is left to run: its '// &
                               'trial marches take long')

@@ -17,6 +17,7 @@ module driver_whatif
    use driver_regression, only: find_estimates
    use driver_statistics, only: find_statistics
    use io_earlier_results, only: case_errors, read_campaign, stored_in_results
+   use io_progress, only: set_quiet
    use io_shards, only: shard_type, sort_shards, stored_samples
    use io_store, only: identity_type, new_store
    use parallel_world, only: start_world, stop_world, world_type
@@ -52,11 +53,12 @@ contains
       integer :: c, p
 
       call start_world(world)
+      call set_quiet(line%has('--quiet') .or. .not. world%is_root())
       call read_question(line, question, error)
       call world%stop_on(error)
       associate (plan => question%plan)
-         call solve_processes(world, plan, line%has('--quiet') .or. .not. world%is_root(), models, &
-                              wanted=[(p > question%n_processes, p=1, size(plan%processes))])
+         call solve_processes(world, plan, models, wanted=[(p > question%n_processes, &
+                                                                 p=1, size(plan%processes))])
          call refuse_unsolved(plan, models, error)
          call world%stop_on(error)
          pools = pools_of_new_laws(plan)
@@ -270,8 +272,9 @@ contains
       end associate
    end function tables_text
 
-   !> Table of statistics with their standard errors: the mean, the percentiles and a last one. Those of a law that is too far
-   !> from the samples are dashes, and one dash stands for a table of them.
+   !> Table of statistics with their standard errors: the mean, the percentiles and a last one.
+   !> Those of a law that is too far from the samples are dashes, and one dash stands for a table of
+   !> them.
    pure function table_text(title, place, numbers, last, percentiles, scale, rows) result(text)
       character(*), intent(in) :: title   !! quantity and unit
       character(*), intent(in) :: place   !! heading of the numbers

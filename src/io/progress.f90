@@ -1,4 +1,5 @@
-!> Progress of a run: one line, redrawn on a terminal, or printed once a minute in a log.
+!> Progress of a command: lines on what it does, and one that is redrawn on a terminal, or printed
+!> once a minute in a log. A quiet rank prints nothing.
 module io_progress
    use core_kinds, only: long, wp
    use core_terminal, only: say, write_output
@@ -6,7 +7,9 @@ module io_progress
    use io_files, only: shows_on_terminal
    implicit none(type, external)
    private
-   public :: progress_text, progress_type
+   public :: inform, progress_text, progress_type, set_quiet
+
+   logical :: is_quiet = .false.   !! with --quiet, and on all ranks but the root
 
    !> Progress line: call `start`, then `show` any number of times, then `finish`. It prints nothing
    !> before `start`.
@@ -29,12 +32,26 @@ module io_progress
 
 contains
 
+   !> Makes this rank quiet, or not.
+   subroutine set_quiet(quiet)
+      logical, intent(in) :: quiet
+
+      is_quiet = quiet
+   end subroutine set_quiet
+
+   !> Prints lines, unless the rank is quiet.
+   subroutine inform(text)
+      character(*), intent(in) :: text
+
+      if (.not. is_quiet) call say(text)
+   end subroutine inform
+
    !> Shows what is going on until `finish`, on a terminal.
    subroutine announce(self, text)
       class(progress_type), intent(inout) :: self
       character(*), intent(in) :: text
 
-      if (shows_on_terminal()) call redraw(self, text)
+      if (shows_on_terminal() .and. .not. is_quiet) call redraw(self, text)
    end subroutine announce
 
    !> Starts the clock; items of an earlier run do not enter the rate.
@@ -43,7 +60,7 @@ contains
       integer, intent(in) :: total, done_before
       character(*), intent(in) :: noun   !! what is counted, such as 'samples'
 
-      self%is_silent = .false.
+      self%is_silent = is_quiet
       self%is_redrawn = shows_on_terminal()
       self%total = total
       self%noun = noun

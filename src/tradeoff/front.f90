@@ -3,8 +3,8 @@
 !> changes with the order of a process and the length of its fit.
 !>
 !> Each variant of a process is compared with its highest order or its longest fit, on the same
-!> number of samples, with the same random numbers and force. Standard errors are those of the paired
-!> differences (jackknife over samples).
+!> number of samples, with the same random numbers and force. Standard errors are those of the
+!> paired differences (jackknife over samples).
 module tradeoff_front
    use campaign_comparison, only: change_of_ratios, compare_slip, numerical_error
    use campaign_plan, only: plan_type
