@@ -91,7 +91,14 @@ contains
                        suggestion(word, names_in(options)))
          else if (.not. allocated(line%command)) then
             line%command = word
-            if (.not. any(word == names_in(commands))) call refuse_command(word, error)
+            if (any(word == names_in(commands))) cycle
+            if (exists(word)) then
+               call raise(error, exit_bad_input, 'no command before '//word//'; there are '// &
+                          joined(names_in(commands)))
+            else
+               call raise(error, exit_bad_input, 'unknown command '//word// &
+                          suggestion(word, names_in(commands)))
+            end if
          else if (.not. allocated(line%scene)) then
             line%scene = word
          else
@@ -152,20 +159,6 @@ contains
          call raise(error, exit_bad_input, option//' '//value//': needs a whole number from 1')
    end subroutine read_count
 
-   !> Refuses an unknown command, or a file name in place of the command.
-   subroutine refuse_command(word, error)
-      character(*), intent(in) :: word
-      type(error_type), allocatable, intent(out) :: error
-
-      if (exists(word)) then
-         call raise(error, exit_bad_input, 'no command before '//word//'; there are '// &
-                    joined(names_in(commands)))
-      else
-         call raise(error, exit_bad_input, 'unknown command '//word// &
-                    suggestion(word, names_in(commands)))
-      end if
-   end subroutine refuse_command
-
    !> Refuses options that the command does not accept, and a command without its arguments.
    subroutine check_combination(line, error)
       type(command_line), intent(in) :: line
@@ -178,7 +171,8 @@ contains
          return
       end if
       do i = 1, size(options)
-         if (.not. line%is_given(i) .or. accepts(line%command, i)) cycle
+         if (.not. line%is_given(i) .or. index(', '//trim(commands_of_option(i))//',', &
+                                               ', '//line%command//',') > 0) cycle
          call raise(error, exit_bad_input, line%command//' takes no '// &
                     trim(names_in(options(i)))//', which is for '//trim(commands_of_option(i)))
          return
@@ -200,14 +194,6 @@ contains
                     'without --share for it')
       end if
    end subroutine check_combination
-
-   !> True if a command accepts the i-th option.
-   pure logical function accepts(command, i)
-      character(*), intent(in) :: command
-      integer, intent(in) :: i
-
-      accepts = index(', '//trim(commands_of_option(i))//',', ', '//command//',') > 0
-   end function accepts
 
    !> Help: 23 lines of at most 80 columns, one screen of a terminal.
    pure function help_text() result(text)

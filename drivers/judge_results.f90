@@ -183,7 +183,10 @@ contains
       type(stored_samples) :: stored
       type(case_statistics) :: statistics(size(plan%cases))
       type(case_estimates) :: estimates(size(plan%cases))   ! on the root
+      type(slip_error) :: stated
       integer, allocatable :: n_samples(:)
+      integer(long) :: n, n_steps
+      integer :: i, k, n_cases(size(plan%cases))   ! k: number of increments
 
       has_more = .false.
       if (.not. plan%accuracy%sample_until_met) return
@@ -195,7 +198,19 @@ contains
                           estimates, error)
       if (output%world%any_true(allocated(error))) return
       n_samples = plan%cases%n_samples
-      if (output%world%is_root()) call choose_samples(plan, increment, estimates, n_samples)
+      n_cases = sharing_cases(plan)
+      do i = 1, merge(size(plan%cases), 0, output%world%is_root())
+         if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
+         stated = slip_error_of(estimates(i)%best, n_cases(i), plan%excitation%per_sample)
+         if (.not. needs_more_samples(stated, plan%accuracy%target_statistical)) cycle
+         call find_need(stated, plan%accuracy%target_statistical, plan%integration%n_steps, n, &
+                        n_steps)
+         if (n_cases(i) > 0 .and. n_samples(i) < fewest_samples) n = min(n, 2_long*fewest_samples)
+         ! half of the samples needed: if the error is stated too large, no samples are wasted
+         k = n_samples(i)/increment
+         k = max(k + 1, int(min((n/2 - 1)/increment + 1, 10_long*k)))
+         n_samples(i) = k*increment
+      end do
       call output%world%broadcast(n_samples)
       has_more = any(n_samples > plan%cases%n_samples)
       if (.not. has_more) return
@@ -203,32 +218,5 @@ contains
       call add_audits(plan)
       call output%update_finished(plan, error)
    end subroutine add_samples
-
-   !> Chooses the new number of samples of each case.
-   subroutine choose_samples(plan, increment, estimates, n_samples)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: increment
-      type(case_estimates), intent(in) :: estimates(:)   !! (case)
-      integer, intent(inout) :: n_samples(:)             !! (case)
-      type(slip_error) :: error
-      integer(long) :: n, n_steps
-      integer :: i, k, n_cases(size(plan%cases))   ! k: number of increments
-
-      n_cases = sharing_cases(plan)
-      associate (wanted => plan%accuracy%target_statistical)
-         do i = 1, size(plan%cases)
-            if (plan%cases(i)%audits > 0 .or. plan%cases(i)%process == 0) cycle
-            error = slip_error_of(estimates(i)%best, n_cases(i), plan%excitation%per_sample)
-            if (.not. needs_more_samples(error, wanted)) cycle
-            call find_need(error, wanted, plan%integration%n_steps, n, n_steps)
-            if (n_cases(i) > 0 .and. n_samples(i) < fewest_samples) &
-               n = min(n, 2_long*fewest_samples)
-            ! half of the samples needed: if the error is stated too large, no samples are wasted
-            k = n_samples(i)/increment
-            k = max(k + 1, int(min((n/2 - 1)/increment + 1, 10_long*k)))
-            n_samples(i) = k*increment
-         end do
-      end associate
-   end subroutine choose_samples
 
 end module driver_judge_results

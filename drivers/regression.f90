@@ -99,8 +99,25 @@ contains
       call counter%close()
       if (world%any_true(allocated(error))) return
       do c = 1, size(estimates)
-         if (estimates(c)%estimator /= 'plain') call add_up(world, estimates(c))
+         if (estimates(c)%estimator == 'plain') cycle
+         call add_table(estimates(c)%sensitivity)   ! each rank has some joints and dofs
+         call add_table(estimates(c)%best%numbers)
+         call add_table(estimates(c)%best%psd)
+         call add_table(estimates(c)%best%pseudo_variances)
       end do
+
+   contains
+
+      !> Adds up one table over the ranks.
+      subroutine add_table(table)
+         type(statistic_type), intent(inout), target, contiguous, optional :: table(..)
+         real(wp), pointer :: numbers(:)
+
+         if (.not. present(table)) return
+         call c_f_pointer(c_loc(table), numbers, [size(table)*numbers_of_statistic])
+         call world%add_up(size(numbers), numbers)
+      end subroutine add_table
+
    end subroutine find_estimates
 
    !> Estimates all quantities of a joint, or the spectra or the amplitude of a dof, for all cases
@@ -253,30 +270,5 @@ contains
          end do
       end associate
    end subroutine estimate_spectra
-
-   !> Adds up the estimates of a case over the ranks, each of which has some joints and dofs.
-   !> Collective.
-   subroutine add_up(world, estimates)
-      type(world_type), intent(in) :: world
-      type(case_estimates), intent(inout) :: estimates
-
-      call add_table(estimates%sensitivity)
-      call add_table(estimates%best%numbers)
-      call add_table(estimates%best%psd)
-      call add_table(estimates%best%pseudo_variances)
-
-   contains
-
-      !> Adds up one table over the ranks.
-      subroutine add_table(table)
-         type(statistic_type), intent(inout), target, contiguous, optional :: table(..)
-         real(wp), pointer :: numbers(:)
-
-         if (.not. present(table)) return
-         call c_f_pointer(c_loc(table), numbers, [size(table)*numbers_of_statistic])
-         call world%add_up(size(numbers), numbers)
-      end subroutine add_table
-
-   end subroutine add_up
 
 end module driver_regression

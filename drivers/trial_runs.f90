@@ -15,19 +15,18 @@ module driver_trial_runs
    use core_kinds, only: wp
    use core_text, only: brief, counted, duration, labelled, line_feed, to_text
    use driver_deadline, only: end_if_requested, time_to_stop
-   use driver_tradeoff_text, only: setting_text
    use io_progress, only: inform, progress_type
    use parallel_work, only: new_counter, work_counter
    use parallel_world, only: world_type
    use tradeoff_front, only: meets_targets, nearest_to_targets, setting_row, setting_rows_of
    use tradeoff_marches, only: run_task
    use tradeoff_pilot, only: choose_every
-   use tradeoff_settings, only: reference_setting, use_setting
+   use tradeoff_settings, only: reference_setting, setting_dt, setting_type, use_setting
    use tradeoff_task_results, only: band_ratio, slip
    use tradeoff_tasks, only: new_tradeoff, samples_of_block, trial_scope, tradeoff_type
    implicit none(type, external)
    private
-   public :: choose_setting, choose_spectrum_step, measure_settings
+   public :: choose_setting, choose_spectrum_step, measure_settings, setting_text
 
    real(wp), parameter :: budget = 3.0_wp   !! expected processor time of the trial marches [s]
 
@@ -44,6 +43,11 @@ contains
       type(tradeoff_type), intent(out) :: tradeoff
       type(error_type), allocatable, intent(out) :: error
       type(plan_type) :: thinned
+      type(work_counter) :: counter
+      type(progress_type) :: progress
+      real(wp), allocatable :: cost(:)
+      integer, allocatable :: owner(:)   ! (task) rank that has the result, else -1
+      integer :: done, i, n
 
       thinned = plan
       call choose_spectrum_step(world, thinned, force, scope%most_seconds, error)
@@ -52,46 +56,11 @@ contains
       call world%stop_on(error)
       if (world%any_true(time_to_stop())) return
       if (.not. allocated(tradeoff%tasks)) return
-      call inform(to_text(size(tradeoff%tasks))//' trial marches, '// &
+      n = size(tradeoff%tasks)
+      call inform(to_text(n)//' trial marches, '// &
                   duration(sum(tradeoff%seconds)/world%n_ranks)//' on '// &
                   counted(world%n_ranks, 'rank', 'ranks'))
-      call share_tasks(world, tradeoff, error)
-   end subroutine measure_settings
-
-   !> Chooses output%spectrum_every of a plan with spectra, the same on every rank; leaves it 0 if
-   !> the pilot march is expected to take longer than most_seconds. Collective.
-   subroutine choose_spectrum_step(world, plan, force, most_seconds, error, folded_share)
-      type(world_type), intent(in) :: world
-      type(plan_type), intent(inout) :: plan
-      real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
-      real(wp), intent(in) :: most_seconds   !! processor time [s]
-      type(error_type), allocatable, intent(out) :: error
-      !> (dof, case) share of the variance that is folded
-      real(wp), allocatable, intent(out), optional :: folded_share(:, :)
-      real(wp), allocatable :: share(:, :)
-
-      if (.not. (plan%has_structure .and. plan%output%spectrum)) return
-      if (plan%output%spectrum_every > 0 .and. .not. present(folded_share)) return
-      if (world%is_root()) call choose_every(plan, force, most_seconds, share, error)
-      plan%output%spectrum_every = world%maximum(plan%output%spectrum_every)   ! chosen from 0
-      if (.not. present(folded_share)) return
-      call world%broadcast(share)
-      call move_alloc(share, folded_share)
-   end subroutine choose_spectrum_step
-
-   !> Runs the tasks, shared among the ranks, and gives every rank all results. Collective.
-   subroutine share_tasks(world, tradeoff, error)
-      type(world_type), intent(in) :: world
-      type(tradeoff_type), intent(inout) :: tradeoff
-      type(error_type), allocatable, intent(out) :: error
-      type(work_counter) :: counter
-      type(progress_type) :: progress
-      real(wp) :: cost(size(tradeoff%tasks))
-      integer :: owner(size(tradeoff%tasks))
-      integer :: done, i, n
-
-      n = size(tradeoff%tasks)
-      owner = -1
+      owner = spread(-1, 1, n)
       call new_counter(world, n, counter)
       call progress%start(n, 0, 'marches')
       do
@@ -120,7 +89,28 @@ contains
             call world%broadcast(found%ratio_without, owner(i))
          end associate
       end do
-   end subroutine share_tasks
+   end subroutine measure_settings
+
+   !> Chooses output%spectrum_every of a plan with spectra, the same on every rank; leaves it 0 if
+   !> the pilot march is expected to take longer than most_seconds. Collective.
+   subroutine choose_spectrum_step(world, plan, force, most_seconds, error, folded_share)
+      type(world_type), intent(in) :: world
+      type(plan_type), intent(inout) :: plan
+      real(wp), intent(in) :: force(0:, :)   !! (step, 1 or sample) [N] of a file; else of size 0
+      real(wp), intent(in) :: most_seconds   !! processor time [s]
+      type(error_type), allocatable, intent(out) :: error
+      !> (dof, case) share of the variance that is folded
+      real(wp), allocatable, intent(out), optional :: folded_share(:, :)
+      real(wp), allocatable :: share(:, :)
+
+      if (.not. (plan%has_structure .and. plan%output%spectrum)) return
+      if (plan%output%spectrum_every > 0 .and. .not. present(folded_share)) return
+      if (world%is_root()) call choose_every(plan, force, most_seconds, share, error)
+      plan%output%spectrum_every = world%maximum(plan%output%spectrum_every)   ! chosen from 0
+      if (.not. present(folded_share)) return
+      call world%broadcast(share)
+      call move_alloc(share, folded_share)
+   end subroutine choose_spectrum_step
 
    !> Replaces the scene's setting if the scene has a target of numerical error. Ends the run if no
    !> setting keeps it, or if it is asked to stop. The choice does not depend on campaign%n_samples,
@@ -201,5 +191,20 @@ contains
                                     brief(100*row%error(band_ratio))//')'
       end associate
    end function reason
+
+   !> Text on a setting, as "event, tolerance 1e-3" or "newmark, dt 0.0042, 4 halvings".
+   pure function setting_text(setting, dt) result(text)
+      type(setting_type), intent(in) :: setting
+      real(wp), intent(in) :: dt   !! step of the scene [s]
+      character(:), allocatable :: text
+
+      text = trim(setting%method)
+      if (setting%parts /= setting%stride) text = text//', dt '//brief(setting_dt(setting, dt))
+      if (setting%method == 'newmark') then
+         text = text//', '//counted(setting%max_halvings, 'halving', 'halvings')
+      else
+         text = text//', tolerance '//brief(setting%tolerance)
+      end if
+   end function setting_text
 
 end module driver_trial_runs

@@ -107,11 +107,16 @@ contains
       real(wp), intent(in) :: replicates(0:, :)   !! (replicate, joint or dof)
       integer, intent(in) :: n_all                !! samples of the case
       type(statistic_type) :: difference(size(replicates, 2))
-      integer :: i
+      integer :: i, n
 
       difference%value = replicates(0, :)
-      if (size(replicates, 1) > 1) &
-         difference%error = [(jackknife_error(replicates(1:, i), n_all), i=1, size(replicates, 2))]
+      n = size(replicates, 1) - 1
+      do i = 1, merge(size(difference), 0, n > 0)
+         associate (values => replicates(1:, i))   ! jackknife
+            difference(i)%error = sqrt((n - 1.0_wp)/n*sum((values - mean(values))**2) &
+                                       *max(0.0_wp, 1.0_wp - real(n, wp)/n_all))
+         end associate
+      end do
    end function difference_of
 
    !> Compares slip fractions.
@@ -276,17 +281,6 @@ contains
       scatter = 0.0_wp
       if (size(values) > 1) scatter = standard_deviation(values)
    end function deviation
-
-   !> Standard error from the values without one sample each, of a case of n_all samples.
-   pure real(wp) function jackknife_error(replicates, n_all) result(error)
-      real(wp), intent(in) :: replicates(:)
-      integer, intent(in) :: n_all
-      integer :: n
-
-      n = size(replicates)
-      error = sqrt((n - 1.0_wp)/n*sum((replicates - mean(replicates))**2) &
-                   *max(0.0_wp, 1.0_wp - real(n, wp)/n_all))
-   end function jackknife_error
 
    !> Ratio of two values; zero if the denominator is not positive.
    elemental real(wp) function ratio_of(numerator, denominator) result(value)

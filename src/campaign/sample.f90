@@ -277,6 +277,8 @@ contains
       type(runner_type), intent(inout) :: runner
       type(march_type), intent(inout) :: march
       type(block_result), intent(inout) :: result
+      real(wp), allocatable :: power(:, :, :)   ! (batch, range, dof and sample as one index)
+      real(wp), allocatable :: psd(:, :)        ! (frequency, dof and sample as one index)
       real(wp) :: duration
 
       associate (state => march%state, kept => march%kept, integration => runner%plan%integration)
@@ -298,18 +300,8 @@ contains
                                    - result%energy_stored
          end if
          if (kept%harmonic) call march%harmonics%finish(result)
-         if (kept%spectrum) call collect_spectra(runner, march, result)
       end associate
-   end subroutine collect
-
-   !> Computes spectra and power series.
-   subroutine collect_spectra(runner, march, result)
-      type(runner_type), intent(inout) :: runner
-      type(march_type), intent(in) :: march
-      type(block_result), intent(inout) :: result
-      real(wp), allocatable :: power(:, :, :)   ! (batch, range, dof and sample as one index)
-      real(wp), allocatable :: psd(:, :)        ! (frequency, dof and sample as one index)
-
+      if (.not. march%kept%spectrum) return
       associate (n_dof => size(march%dofs), n => result%n_samples)
          allocate (psd(size(runner%layout%frequency), n_dof*n))
          call runner%spectra%finish(psd)
@@ -318,7 +310,7 @@ contains
          power = runner%spectra%power_series()
          result%power_series = reshape(power, [n_dof, size(power)/(n_dof*n), n], order=[2, 1, 3])
       end associate
-   end subroutine collect_spectra
+   end subroutine collect
 
    !> Refuses results that are infinite or whose squares would be.
    pure subroutine check_range(result, error)

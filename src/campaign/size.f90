@@ -220,14 +220,22 @@ contains
                         2*memory_of_tables(plan) + memory_of_regression(plan, share_powerful)))
    end function memory_of_rank
 
-   !> Memory [byte] of the force record and of a block of samples.
+   !> Memory [byte] of the force record and of a block of samples, of one case or of cases with the
+   !> same force.
    pure function memory_of_march(plan, transitions) result(bytes)
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: transitions   !! transitions of a sample in a step
-      real(wp) :: bytes   ! first of a sample
+      real(wp) :: bytes        ! first of a sample
       real(wp) :: n_steps
+      integer :: c, n, width   ! n: samples of the largest block
 
       n_steps = plan%integration%n_steps + 1.0_wp
+      n = maxval(plan%cases%n_samples)
+      width = block_width(plan)
+      do c = 1, merge(0, size(plan%cases), plan%excitation%per_sample)
+         if (n >= width) exit
+         n = max(n, sum(plan%cases%n_samples, have_same_force(plan%cases, plan%cases(c))))
+      end do
       associate (n_kept => size(kept_dofs(plan)), output => plan%output)
          bytes = 0.0_wp
          if (output%spectrum) bytes = real_bytes*n_kept*(5*n_frequencies(plan) + 2*n_powers(plan))
@@ -236,22 +244,8 @@ contains
          if (plan%excitation%per_sample) &
             bytes = bytes + real_bytes*n_steps*plan%structure%n_forces
       end associate
-      bytes = record_memory(plan) + largest_block(plan)*bytes
+      bytes = record_memory(plan) + min(width, n)*bytes
    end function memory_of_march
-
-   !> Largest number of samples of a block: of one case, or of cases with the same force.
-   pure integer function largest_block(plan) result(n)
-      type(plan_type), intent(in) :: plan
-      integer :: c, width
-
-      n = maxval(plan%cases%n_samples)
-      width = block_width(plan)
-      do c = 1, merge(0, size(plan%cases), plan%excitation%per_sample)
-         if (n >= width) exit
-         n = max(n, sum(plan%cases%n_samples, have_same_force(plan%cases, plan%cases(c))))
-      end do
-      n = min(width, n)
-   end function largest_block
 
    !> Memory [byte] of a case in the pilot march (tradeoff_pilot): Welch segments, spectra of every
    !> step at all dofs, and four copies of the force.

@@ -8,15 +8,84 @@ module io_files
    use core_system, only: c_fopen, c_readlink, raise_system, system_error, text_at
    use core_terminal, only: is_terminal, standard_output, write_all
    use core_text, only: to_text
-   use io_posix, only: c_fclose, c_fileno, c_fsync, c_gethostname, c_getpid, c_getppid, &
-                       c_glob, c_globfree, c_mkdir, c_remove, c_rename
    implicit none(type, external)
    private
+   public :: c_fclose, c_fileno
    public :: exists, file_size, folder_of, host_name, is_readable, process_id, shows_on_terminal
    public :: follow_links, list_files, make_folder, remove_file, rename_file, sync_file, &
              unfinished_name, write_new_file
 
    character(*), parameter, public :: unfinished = '.part-'   !! mark in names of unfinished files
+
+   interface
+      function c_mkdir(path, mode) result(status) bind(c, name='mkdir')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int), value :: mode
+         integer(c_int) :: status
+      end function c_mkdir
+
+      function c_remove(path) result(status) bind(c, name='remove')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_int) :: status
+      end function c_remove
+
+      function c_rename(from, to) result(status) bind(c, name='rename')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: from(*), to(*)
+         integer(c_int) :: status
+      end function c_rename
+
+      function c_fclose(stream) result(status) bind(c, name='fclose')
+         import :: c_int, c_ptr
+         type(c_ptr), value :: stream
+         integer(c_int) :: status
+      end function c_fclose
+
+      function c_fileno(stream) result(descriptor) bind(c, name='fileno')
+         import :: c_int, c_ptr
+         type(c_ptr), value :: stream
+         integer(c_int) :: descriptor
+      end function c_fileno
+
+      function c_fsync(descriptor) result(status) bind(c, name='fsync')
+         import :: c_int
+         integer(c_int), value :: descriptor
+         integer(c_int) :: status
+      end function c_fsync
+
+      function c_glob(pattern, flags, on_error, found) result(status) bind(c, name='glob')
+         import :: c_char, c_int, c_long, c_ptr
+         character(kind=c_char), intent(in) :: pattern(*)
+         integer(c_int), value :: flags
+         type(c_ptr), value :: on_error
+         integer(c_long), intent(inout) :: found(*)   !! glob_t: count, list, words of libc's own
+         integer(c_int) :: status
+      end function c_glob
+
+      subroutine c_globfree(found) bind(c, name='globfree')
+         import :: c_long
+         integer(c_long), intent(inout) :: found(*)
+      end subroutine c_globfree
+
+      function c_getpid() result(number) bind(c, name='getpid')
+         import :: c_int
+         integer(c_int) :: number
+      end function c_getpid
+
+      function c_getppid() result(number) bind(c, name='getppid')
+         import :: c_int
+         integer(c_int) :: number
+      end function c_getppid
+
+      function c_gethostname(name, length) result(status) bind(c, name='gethostname')
+         import :: c_char, c_int, c_size_t
+         character(kind=c_char), intent(out) :: name(*)
+         integer(c_size_t), value :: length
+         integer(c_int) :: status
+      end function c_gethostname
+   end interface
 
 contains
 

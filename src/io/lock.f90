@@ -17,9 +17,8 @@ module io_lock
    use core_system, only: c_fopen, raise_system, system_error
    use core_terminal, only: write_all
    use core_text, only: line_feed, to_text
-   use io_files, only: exists, folder_of, host_name, make_folder, process_id, remove_file, &
-                       rename_file, unfinished_name
-   use io_posix, only: c_fclose, c_fileno, c_link, c_lockf, c_lseek, c_pread, c_stat
+   use io_files, only: c_fclose, c_fileno, exists, folder_of, host_name, make_folder, process_id, &
+                       remove_file, rename_file, unfinished_name
    implicit none(type, external)
    private
    public :: lock_type, take_lock
@@ -51,6 +50,46 @@ module io_lock
       procedure :: release_claim
       procedure :: release
    end type lock_type
+
+   interface
+      function c_link(from, to) result(status) bind(c, name='link')
+         import :: c_char, c_int
+         character(kind=c_char), intent(in) :: from(*), to(*)
+         integer(c_int) :: status
+      end function c_link
+
+      function c_lseek(descriptor, offset, whence) result(place) bind(c, name='lseek')
+         import :: c_int, c_long
+         integer(c_int), value :: descriptor, whence
+         integer(c_long), value :: offset
+         integer(c_long) :: place
+      end function c_lseek
+
+      !> Reads at most `most` bytes from byte `offset` of a file; the descriptor's position stays.
+      function c_pread(descriptor, text, most, offset) result(length) bind(c, name='pread')
+         import :: c_char, c_int, c_long, c_size_t
+         integer(c_int), value :: descriptor
+         character(kind=c_char), intent(out) :: text(*)
+         integer(c_size_t), value :: most
+         integer(c_long), value :: offset
+         integer(c_long) :: length
+      end function c_pread
+
+      !> Locks or unlocks `length` bytes from the descriptor's position on; 0: all bytes from there.
+      function c_lockf(descriptor, command, length) result(status) bind(c, name='lockf')
+         import :: c_int, c_long
+         integer(c_int), value :: descriptor, command
+         integer(c_long), value :: length
+         integer(c_int) :: status
+      end function c_lockf
+
+      function c_stat(path, words) result(status) bind(c, name='stat')
+         import :: c_char, c_int, c_long
+         character(kind=c_char), intent(in) :: path(*)
+         integer(c_long), intent(out) :: words(*)   !! struct stat: device, inode and others
+         integer(c_int) :: status
+      end function c_stat
+   end interface
 
 contains
 

@@ -112,6 +112,8 @@ contains
       type(hdf5_group), intent(out) :: group
       !> (step, force; or step, force and sample) [N], or of a moving base [m/s^2]
       real(wp), intent(in), contiguous, optional :: force(:, :)
+      character(:), allocatable :: axes
+      integer :: i
 
       group = new_group(file, case_group(number, size(plan%cases)))
       call write_attributes(group, plan, number)
@@ -129,7 +131,21 @@ contains
          call group%put('percentile', plan%output%percentiles, '%', 'percentile over samples', &
                         'percentile')
       if (plan%output%spectrum) call write_spectrum_axes(group, layout, folded_share)
-      if (plan%output%history) call write_history_axes(group, plan, force)
+      if (.not. plan%output%history) return
+      call group%put('time', [(i*plan%integration%dt, i=0, plan%integration%n_steps)], 's', &
+                     'time', 'time')
+      axes = 'time'
+      associate (n_forces => plan%structure%n_forces, per_sample => plan%excitation%per_sample)
+         if (n_forces > 1) then
+            call group%put_axis('force_number', n_forces, 'force, a column of the load')
+            axes = 'force_number '//axes
+         end if
+         if (per_sample) axes = 'sample '//axes
+         call group%put('force', force, trim(merge('m/s^2', 'N    ', plan%excitation%base)), &
+                        'force', axes, &
+                        extents=pack([size(force, 1), n_forces, size(force, 2)/n_forces], &
+                                     [.true., n_forces > 1, per_sample]))
+      end associate
    end subroutine begin_case
 
    !> Writes the long datasets of a case, shard by shard, so that memory does not grow with the
@@ -257,30 +273,6 @@ contains
          highest = [(spread(layout%frequency(last(i)), 1, n_batches), i=1, size(last))]
       end associate
    end function batch_frequencies
-
-   !> Writes the axis of time and the force.
-   subroutine write_history_axes(group, plan, force)
-      type(hdf5_group), intent(inout) :: group
-      type(plan_type), intent(in) :: plan
-      real(wp), intent(in), contiguous :: force(:, :)   !! as in begin_case
-      character(:), allocatable :: axes, unit
-      integer :: i, n_forces, n_records
-
-      unit = trim(merge('m/s^2', 'N    ', plan%excitation%base))
-      n_forces = plan%structure%n_forces
-      call group%put('time', [(i*plan%integration%dt, i=0, plan%integration%n_steps)], 's', &
-                     'time', 'time')
-      n_records = size(force, 2)/n_forces
-      axes = 'time'
-      if (n_forces > 1) then
-         call group%put_axis('force_number', n_forces, 'force, a column of the load')
-         axes = 'force_number '//axes
-      end if
-      if (plan%excitation%per_sample) axes = 'sample '//axes
-      call group%put('force', force, unit, 'force', axes, &
-                     extents=pack([size(force, 1), n_forces, n_records], &
-                                  [.true., n_forces > 1, plan%excitation%per_sample]))
-   end subroutine write_history_axes
 
    !> Closes the file, reads it back, and renames it to the output, which until then is missing or
    !> the earlier file. Removes the file after an error, also after one that is passed in.

@@ -54,7 +54,17 @@ contains
                            'total relative error of band ratios')
             call group%put('seconds', rows%seconds, 's', 'processor time of the march')
          end associate
-         if (size(found%spectra) > 0) call write_spectra(group, found%spectra)
+         if (size(found%spectra) > 0) then
+            call group%change_to('/tradeoff/spectra')
+            call group%start_table('way', size(found%spectra), 'way to form spectra')
+            call group%put('every', found%spectra%every, '1', 'steps between values')
+            call group%put('segment_length', found%spectra%segment_length, '1', &
+                           'steps of a segment')
+            call group%put('cost', found%spectra%cost, 'ns', &
+                           'processor time of a sample-step, march included')
+            call group%put('band_ratio', found%spectra%band_ratio, '1', &
+                           'largest relative change of a band ratio from the first way')
+         end if
          call write_variants(group, found%tradeoff, found%variants)
       end if
       call write_orders(group, found%orders)
@@ -129,20 +139,6 @@ contains
       end subroutine put_component
 
    end subroutine write_errors
-
-   !> Writes the errors of other ways to form spectra.
-   subroutine write_spectra(group, rows)
-      type(hdf5_group), intent(inout) :: group
-      type(spectrum_row), intent(in) :: rows(:)
-
-      call group%change_to('/tradeoff/spectra')
-      call group%start_table('way', size(rows), 'way to form spectra')
-      call group%put('every', rows%every, '1', 'steps between values')
-      call group%put('segment_length', rows%segment_length, '1', 'steps of a segment')
-      call group%put('cost', rows%cost, 'ns', 'processor time of a sample-step, march included')
-      call group%put('band_ratio', rows%band_ratio, '1', &
-                     'largest relative change of a band ratio from the first way')
-   end subroutine write_spectra
 
    !> Writes the changes of the results by other orders and fits of the processes.
    subroutine write_variants(group, tradeoff, rows)

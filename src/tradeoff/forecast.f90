@@ -45,7 +45,8 @@ module tradeoff_forecast
 
 contains
 
-   !> Marches a block at every force level and measures its cost.
+   !> Marches a block at every force level and measures its cost: as many steps as the budget and
+   !> the memory of histories allow, or fewest_steps within most_seconds.
    subroutine measure_cost(plan, file_force, most_seconds, cost, error)
       type(plan_type), intent(in) :: plan          !! plan without audits
       real(wp), intent(in) :: file_force(0:, :)    !! (step, 1 or sample) [N]; else of size 0
@@ -56,6 +57,8 @@ contains
       type(runner_type) :: runner, shortest
       type(level_type), allocatable :: levels(:)
       type(setting_type) :: own
+      real(wp) :: fewest, most, step_time   ! steps; [ns]
+      integer, allocatable :: n(:)          ! (level) samples
       integer :: k
 
       call choose_levels(plan, levels)
@@ -68,8 +71,14 @@ contains
       cost%form = shortest%form_of_march()
       own = own_setting(plan)
       own%work = shortest%marcher%work
-      cost%n_steps = steps_for(plan, [(size(levels(k)%samples), k=1, size(levels))], own, &
-                               most_seconds)
+      n = [(size(levels(k)%samples), k=1, size(levels))]
+      step_time = sum(n*expected_cost(own, plan%structure%n_dof, n, assumed_transitions))
+      most = 1.0e9_wp*budget/step_time
+      fewest = min(1.0_wp*fewest_steps, max(1.0e9_wp*most_seconds/step_time, least_steps, &
+                                            2.0_wp*plan%output%spectrum_every))
+      if (plan%output%history) &
+         most = min(most, history_memory/(16.0_wp*size(kept_dofs(plan))*sum(n)))
+      cost%n_steps = min(plan%integration%n_steps, int(min(max(fewest, most), 1.0e9_wp)))
       call limit_steps(cost%n_steps, short)
       call prepare_runner(short, file_force(:min(cost%n_steps, ubound(file_force, 1)), :), runner, &
                           error, prepared=shortest)
@@ -92,25 +101,6 @@ contains
          output%segment_length = min(output%segment_length, every*(n_steps/every))
       end associate
    end subroutine limit_steps
-
-   !> Number of steps that the budget and the memory of histories allow, or fewest_steps within
-   !> most_seconds.
-   pure integer function steps_for(plan, n_samples, own, most_seconds)
-      type(plan_type), intent(in) :: plan
-      integer, intent(in) :: n_samples(:)     !! (level)
-      type(setting_type), intent(in) :: own   !! setting of the scene, with its counted work
-      real(wp), intent(in) :: most_seconds
-      real(wp) :: fewest, most, step_time   ! [ns]
-
-      step_time = sum(n_samples*expected_cost(own, plan%structure%n_dof, n_samples, &
-                                              assumed_transitions))
-      most = 1.0e9_wp*budget/step_time
-      fewest = min(1.0_wp*fewest_steps, max(1.0e9_wp*most_seconds/step_time, least_steps, &
-                                            2.0_wp*plan%output%spectrum_every))
-      if (plan%output%history) &
-         most = min(most, history_memory/(16.0_wp*size(kept_dofs(plan))*sum(n_samples)))
-      steps_for = min(plan%integration%n_steps, int(min(max(fewest, most), 1.0e9_wp)))
-   end function steps_for
 
    !> Times the march of one force level by the scene's method and by that of audits, whose blocks
    !> are narrower. Adds its share of the cost.

@@ -25,7 +25,6 @@ module tradeoff_marches
                                     slip, slip_std
    use tradeoff_tasks, only: batch_task, case_of, choose_march, samples_task, setting_task, &
                              spectrum_task, task_type, tradeoff_type, variant_task
-   use tradeoff_variants, only: use_common_memory
    implicit none(type, external)
    private
    public :: run_task
@@ -87,7 +86,8 @@ contains
       type(task_type), intent(in) :: task
       integer, intent(in) :: n, n_steps
       type(level_type), intent(out) :: level
-      type(process_model_type), allocatable :: alike(:), models(:)
+      type(process_model_type), allocatable :: models(:)
+      logical, allocatable :: is_sequential(:)   ! (variant)
       integer :: case_number, i
 
       associate (scope => tradeoff%scope)
@@ -97,10 +97,15 @@ contains
             models = scope%models
          case (variant_task)
             case_number = case_of(tradeoff, task)
-            alike = scope%variant_models
-            call use_common_memory(alike)
             models = scope%models
-            models(scope%variants(task%row)%process) = alike(task%row)
+            models(scope%variants(task%row)%process) = scope%variant_models(task%row)
+            ! all sequential samplers start the same number of values before the first point: the
+            ! same random numbers then give the same points
+            is_sequential = scope%variant_models%is_solved .and. &
+                            scope%variant_models%request%positive .and. &
+                            scope%variant_models%request%sampler == 'sequential'
+            if (is_sequential(task%row)) models(scope%variants(task%row)%process)%memory = &
+               maxval(scope%variant_models%memory, mask=is_sequential)
          case default
             level = tradeoff%levels(task%level)
             return

@@ -14,7 +14,7 @@ module tradeoff_variants
    use process_reference, only: is_reference
    implicit none(type, external)
    private
-   public :: order_row, variant_type, compare_orders, list_variants, use_common_memory
+   public :: order_row, variant_type, compare_orders, list_variants
 
    !> A kind of process of the scene with one order.
    type :: order_row
@@ -176,16 +176,5 @@ contains
                                  .and. [(any(plan%cases%process == i), i=1, size(all))])
       end associate
    end function representative
-
-   !> Lets all sequential samplers start the same number of values before the first point. The same
-   !> random numbers then give the same points.
-   pure subroutine use_common_memory(models)
-      type(process_model_type), intent(inout) :: models(:)
-      logical :: is_sequential(size(models))
-
-      is_sequential = models%is_solved .and. models%request%positive .and. &
-                      models%request%sampler == 'sequential'
-      where (is_sequential) models%memory = maxval(models%memory, mask=is_sequential)
-   end subroutine use_common_memory
 
 end module tradeoff_variants

@@ -25,7 +25,7 @@ LIBRARY = {path: text for path, text in FORTRAN.items() if path.is_relative_to(R
 DOORS = {
     r"mpi|mpi_f08": {"parallel_world", "parallel_work"},
     r"hdf5|h5\w+": {
-        "io_hdf5", "io_hdf5_attributes", "io_hdf5_datasets", "io_hdf5_file", "io_hdf5_outcome",
+        "io_hdf5", "io_hdf5_attributes", "io_hdf5_datasets", "io_hdf5_file",
     },
 }  # fmt: skip
 

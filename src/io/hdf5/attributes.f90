@@ -11,8 +11,7 @@ module io_hdf5_attributes
    use core_kinds, only: long, wp
    use core_system, only: text_at
    use hdf5
-   use io_hdf5_file, only: hdf5_file
-   use io_hdf5_outcome, only: conclude, forget_failure, note_failure
+   use io_hdf5_file, only: conclude, forget_failure, hdf5_file, note_failure
    implicit none(type, external)
    private
    public :: hdf5_object

@@ -13,8 +13,7 @@ module io_hdf5_datasets
    use h5ds, only: h5dsattach_scale_f, h5dsset_scale_f
    use hdf5
    use io_hdf5_attributes, only: hdf5_object
-   use io_hdf5_file, only: hdf5_file, new_timeless_list
-   use io_hdf5_outcome, only: note_failure
+   use io_hdf5_file, only: hdf5_file, new_timeless_list, note_failure
    implicit none(type, external)
    private
    public :: hdf5_group, new_group
