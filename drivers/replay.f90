@@ -24,8 +24,8 @@ module driver_replay
 
 contains
 
-   !> Runs the command `replay`: one rank marches; all ranks share a long search for the process.
-   !> Collective.
+   !> Runs the command `replay`, if the campaign has the case and the sample: one rank marches; all
+   !> ranks share a long search for the process. Collective.
    subroutine replay(line)
       type(command_line), intent(in) :: line
       type(world_type) :: world
@@ -43,7 +43,17 @@ contains
       call start_world(world)
       call set_quiet(line%has('--quiet') .or. .not. world%is_root())
       call load_plan(line, scene, plan, error)
-      if (.not. allocated(error)) call check_sample(line, plan, error)
+      if (.not. allocated(error)) then
+         if (line%case_number > size(plan%cases)) then
+            call raise(error, exit_bad_input, '--case '//to_text(line%case_number)// &
+                       ': the scene has '//counted(size(plan%cases), 'case', 'cases'))
+         else if (line%sample > plan%cases(line%case_number)%n_samples .and. &
+                  .not. plan%accuracy%sample_until_met) then   ! which may have any sample
+            call raise(error, exit_bad_input, '--sample '//to_text(line%sample)//': case '// &
+                       to_text(line%case_number)//' has '// &
+                       counted(plan%cases(line%case_number)%n_samples, 'sample', 'samples'))
+         end if
+      end if
       if (.not. allocated(error)) call refuse_oversize(plan, error)
       call world%stop_on(error)
       call choose_setting(world, scene, plan, choice)
@@ -77,23 +87,5 @@ contains
                       'python -m entroslip '//shell_word(output%path)//' --out figures')
       call output%end_run(exit_done)
    end subroutine replay
-
-   !> Refuses a case or sample that the campaign does not have. With accuracy%sample_until_met it
-   !> may have any sample.
-   subroutine check_sample(line, plan, error)
-      type(command_line), intent(in) :: line
-      type(plan_type), intent(in) :: plan
-      type(error_type), allocatable, intent(out) :: error
-
-      if (line%case_number > size(plan%cases)) then
-         call raise(error, exit_bad_input, '--case '//to_text(line%case_number)// &
-                    ': the scene has '//counted(size(plan%cases), 'case', 'cases'))
-      else if (line%sample > plan%cases(line%case_number)%n_samples .and. &
-               .not. plan%accuracy%sample_until_met) then
-         call raise(error, exit_bad_input, '--sample '//to_text(line%sample)//': case '// &
-                    to_text(line%case_number)//' has '// &
-                    counted(plan%cases(line%case_number)%n_samples, 'sample', 'samples'))
-      end if
-   end subroutine check_sample
 
 end module driver_replay

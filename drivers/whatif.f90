@@ -1,6 +1,6 @@
 !> `entroslip whatif`: estimates for other laws of the friction, from the samples of a results file.
 module driver_whatif
-   use campaign_plan, only: case_type, kept_dofs, plan_type
+   use campaign_plan, only: kept_dofs, plan_type
    use campaign_pooling, only: add_new_laws, case_pool, pools_of_new_laws
    use campaign_results, only: case_estimates, case_statistics, n_quantities, spectrum_layout
    use config_plan, only: build_plan
@@ -201,7 +201,7 @@ contains
       integer, intent(in) :: number               !! number of the case
       type(case_errors), intent(in) :: errors(:)  !! (case of the samples)
       type(case_statistics), intent(in) :: best   !! estimates of the case
-      character(:), allocatable :: text, samples
+      character(:), allocatable :: force, text, samples
       real(wp) :: record_error   ! time-average error of a mean slip fraction, the largest
       integer :: i
 
@@ -220,31 +220,24 @@ contains
                          to_text(request%std)//', '//lengths_of(request)//', order = '// &
                          to_text(request%order))
       end associate
-      text = text//labelled('force', force_text(plan, plan%cases(number))) &
-             //labelled('samples', samples(3:))
+      associate (case => plan%cases(number))
+         select case (plan%excitation%kind)
+         case ('band_limited')
+            force = 'variance'
+         case ('sine')
+            force = 'frequency = '//to_text(case%frequency)//', amplitude'
+         case default
+            force = 'factor'
+         end select
+         text = text//labelled('force', force//' = '//to_text(case%strength)) &
+                //labelled('samples', samples(3:))
+      end associate
       if (record_error > 0.0_wp .and. plan%excitation%kind /= 'sine') &
          text = text//labelled('errors', 'of the friction alone; the time-average error of the '// &
                                'one force record is up to '//brief(100.0_wp*record_error)// &
                                ' points of a mean time in slip')
       text = text//tables_text(plan, best)
    end function law_text
-
-   !> Text on the force of a case, such as 'variance = 41.1'.
-   pure function force_text(plan, case) result(text)
-      type(plan_type), intent(in) :: plan
-      type(case_type), intent(in) :: case
-      character(:), allocatable :: text
-
-      select case (plan%excitation%kind)
-      case ('band_limited')
-         text = 'variance'
-      case ('sine')
-         text = 'frequency = '//to_text(case%frequency)//', amplitude'
-      case default
-         text = 'factor'
-      end select
-      text = text//' = '//to_text(case%strength)
-   end function force_text
 
    !> Tables of the estimates of a case: of the joints, then of the dofs.
    pure function tables_text(plan, best) result(text)

@@ -226,7 +226,7 @@ contains
       type(plan_type), intent(in) :: plan
       real(wp), intent(in) :: transitions   !! transitions of a sample in a step
       real(wp) :: bytes        ! first of a sample
-      real(wp) :: n_steps
+      real(wp) :: drawn, n_steps, record   ! drawn: records' worth of memory
       integer :: c, n, width   ! n: samples of the largest block
 
       n_steps = plan%integration%n_steps + 1.0_wp
@@ -236,15 +236,23 @@ contains
          if (n >= width) exit
          n = max(n, sum(plan%cases%n_samples, have_same_force(plan%cases, plan%cases(c))))
       end do
-      associate (n_kept => size(kept_dofs(plan)), output => plan%output)
+      associate (n_kept => size(kept_dofs(plan)), n_forces => plan%structure%n_forces, &
+                 output => plan%output, excitation => plan%excitation)
+         ! the record prepared, in the march, and while it is drawn; the transforms of the drawing
+         ! need less for a band with a lower upper end (numerics_synthesis)
+         drawn = 2.0_wp
+         if (excitation%kind == 'band_limited') &
+            drawn = min(2.0_wp, 6*excitation%band(2)*plan%integration%dt)
+         record = (drawn + 2*n_forces)*real_bytes*n_steps
+         if (excitation%kind == 'file' .and. excitation%per_sample) &   ! records are there twice
+            record = 2*real_bytes*n_steps*n_forces*maxval(plan%cases%n_samples)
          bytes = 0.0_wp
          if (output%spectrum) bytes = real_bytes*n_kept*(5*n_frequencies(plan) + 2*n_powers(plan))
          if (output%history) bytes = bytes + 2*real_bytes*n_kept*n_steps
          if (output%transitions) bytes = bytes + 3*transition_bytes*transitions*n_steps
-         if (plan%excitation%per_sample) &
-            bytes = bytes + real_bytes*n_steps*plan%structure%n_forces
+         if (excitation%per_sample) bytes = bytes + real_bytes*n_steps*n_forces
       end associate
-      bytes = record_memory(plan) + min(width, n)*bytes
+      bytes = record + min(width, n)*bytes
    end function memory_of_march
 
    !> Memory [byte] of a case in the pilot march (tradeoff_pilot): Welch segments, spectra of every
@@ -287,24 +295,6 @@ contains
 
       bytes = real_bytes*structure%n_dof*(4.0_wp*structure%n_dof + structure%n_joints)
    end function memory_of_structure
-
-   !> Memory [byte] of the force record: prepared, in the march, and while it is drawn. The
-   !> transforms of the drawing need less for a band with a lower upper end (numerics_synthesis).
-   !> Records of a file for each sample are there twice.
-   pure real(wp) function record_memory(plan) result(bytes)
-      type(plan_type), intent(in) :: plan
-      real(wp) :: drawn   ! records' worth of memory
-
-      associate (excitation => plan%excitation)
-         drawn = 2.0_wp
-         if (excitation%kind == 'band_limited') &
-            drawn = min(2.0_wp, 6*excitation%band(2)*plan%integration%dt)
-         bytes = (drawn + 2*plan%structure%n_forces)*real_bytes*(plan%integration%n_steps + 1.0_wp)
-         if (excitation%kind == 'file' .and. excitation%per_sample) &
-            bytes = 2*real_bytes*(plan%integration%n_steps + 1.0_wp)*plan%structure%n_forces &
-                    *maxval(plan%cases%n_samples)
-      end associate
-   end function record_memory
 
    !> Memory [byte] of the statistics of the spectra of all cases by one estimator.
    pure real(wp) function memory_of_tables(plan) result(bytes)

@@ -29,7 +29,10 @@ contains
       type(case_statistics), intent(in) :: plain
       type(case_estimates), intent(in) :: found
       type(error_type), allocatable, intent(out) :: error
+      character(*), parameter :: time_error = 'time-average error, the same for any number of '// &
+                                 'samples, of '
       type(hdf5_group) :: member
+      integer :: last
 
       if (allocated(plain%numbers)) then
          call write_methods(group, found%estimator /= 'plain', allocated(plain%psd))
@@ -37,7 +40,23 @@ contains
          call group%attribute('estimator', trim(found%estimator))
          if (len(found%reason) > 0) call group%attribute('plain_reason', found%reason)
       end if
-      call write_time_errors(group, plain)
+      call group%put('slip_mean_time_error', plain%slip_mean_time_error, '1', &
+                     time_error//'slip_mean', 'joint')
+      call group%put('slip_std_time_part', plain%slip_std_time_part, '1', &
+                     'part of slip_std that the time average adds', 'joint')
+      if (allocated(plain%pseudo_variance_time_error)) then
+         call group%attribute('band_ratio_time_error_method', &
+                              'scatter of consecutive batches of the march')
+         associate (errors => plain%pseudo_variance_time_error)
+            last = size(errors, 2)
+            call group%put('pseudo_variance_mean_time_error', errors(:, 1), 'm^2', &
+                           time_error//'pseudo_variance_mean', 'kept')
+            call group%put('pseudo_variance_percentiles_time_error', errors(:, 2:last - 1), 'm^2', &
+                           time_error//'pseudo_variance_percentiles', 'percentile kept')
+            call group%put('band_ratio_time_error', errors(:, last), '1', &
+                           time_error//'band_ratio', 'kept')
+         end associate
+      end if
       if (found%estimator /= 'plain') then
          call group%put('friction_point', found%friction_points, '1', &
                         'point of the process, of the friction of one joint or more', &
@@ -57,32 +76,6 @@ contains
       end if
       call group%take_error(error)
    end subroutine write_estimates
-
-   !> Writes the time-average errors, which do not depend on the estimator.
-   subroutine write_time_errors(group, plain)
-      type(hdf5_group), intent(inout) :: group
-      type(case_statistics), intent(in) :: plain
-      character(*), parameter :: time_error = 'time-average error, the same for any number of '// &
-                                 'samples, of '
-      integer :: last
-
-      call group%put('slip_mean_time_error', plain%slip_mean_time_error, '1', &
-                     time_error//'slip_mean', 'joint')
-      call group%put('slip_std_time_part', plain%slip_std_time_part, '1', &
-                     'part of slip_std that the time average adds', 'joint')
-      if (.not. allocated(plain%pseudo_variance_time_error)) return
-      call group%attribute('band_ratio_time_error_method', &
-                           'scatter of consecutive batches of the march')
-      associate (errors => plain%pseudo_variance_time_error)
-         last = size(errors, 2)
-         call group%put('pseudo_variance_mean_time_error', errors(:, 1), 'm^2', &
-                        time_error//'pseudo_variance_mean', 'kept')
-         call group%put('pseudo_variance_percentiles_time_error', errors(:, 2:last - 1), 'm^2', &
-                        time_error//'pseudo_variance_percentiles', 'percentile kept')
-         call group%put('band_ratio_time_error', errors(:, last), '1', time_error//'band_ratio', &
-                        'kept')
-      end associate
-   end subroutine write_time_errors
 
    !> Writes each statistic of a case with its error or interval. If `estimates` is present, writes
    !> instead the ratios of plain sampling's errors to theirs, and attributes of each estimate in

@@ -173,29 +173,19 @@ contains
       integer, intent(in) :: n_ranks
       real(wp), parameter :: sample_time = 1.6e-4_wp   ! measured [s]: to read a sample,
       real(wp), parameter :: plain_time = 1.8e-7_wp    ! for plain statistics of a density of it,
-      real(wp), parameter :: byte_time = 8.0e-9_wp     ! to write a byte and read it back
+      real(wp), parameter :: byte_time = 8.0e-9_wp     ! to write a byte and read it back,
+      real(wp), parameter :: value_time = 5.5e-8_wp    ! to draw a value from a law,
+      real(wp), parameter :: exact_time = 1.5e-4_wp    ! or a window by 'exact', at L0 = 1,
+      real(wp), parameter :: polynomial_time = 2.0e-9_wp   ! for a polynomial of a draw
       type(case_pool), allocatable :: pools(:)
-      real(wp) :: n_densities   ! of a sample
+      real(wp) :: draws_seconds   ! which every rank takes once
+      real(wp) :: n_densities     ! of a sample
+      integer, allocatable :: joints(:), points(:)
+      integer :: i, n_draws, p, stride
 
       n_densities = 0.0_wp
       if (plan%output%spectrum) n_densities = real(n_frequencies(plan), wp)*size(kept_dofs(plan))
       pools = find_pools(plan)
-      end_seconds = (sum(plan%cases%n_samples)*(sample_time + plain_time*n_densities) &
-                     + regression_seconds(plan, pools, cost%share_powerful))/n_ranks &
-                    + draws_seconds(plan, pools) &
-                    + byte_time*results_size(plan, cost%transitions, models)
-   end function end_seconds
-
-   !> Processor time of the draws from the laws of all pools [s], which every rank takes once.
-   pure real(wp) function draws_seconds(plan, pools)
-      type(plan_type), intent(in) :: plan
-      type(case_pool), intent(in) :: pools(:)
-      ! measured times [s]: of a value; of a window by 'exact', at L0 = 1; of a polynomial of a draw
-      real(wp), parameter :: value_time = 5.5e-8_wp, exact_time = 1.5e-4_wp, &
-                             polynomial_time = 2.0e-9_wp
-      integer, allocatable :: joints(:), points(:)
-      integer :: i, n_draws, p, stride
-
       call find_input_points(plan%structure, points, joints)
       draws_seconds = 0.0_wp
       do i = 1, size(plan%processes)
@@ -209,7 +199,10 @@ contains
                               + polynomial_time*count_polynomials(size(points)))
          end associate
       end do
-   end function draws_seconds
+      end_seconds = (sum(plan%cases%n_samples)*(sample_time + plain_time*n_densities) &
+                     + regression_seconds(plan, pools, cost%share_powerful))/n_ranks &
+                    + draws_seconds + byte_time*results_size(plan, cost%transitions, models)
+   end function end_seconds
 
    !> Processor time of the regressions of all pools [s], from the operations of src/statistics.
    pure real(wp) function regression_seconds(plan, pools, share_powerful)

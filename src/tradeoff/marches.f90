@@ -1,8 +1,8 @@
 !> Runs a task of a tradeoff: draws its samples, marches them, and reduces them to a few numbers.
 !>
-!> Of the samples of a case one is the gain of a regression: standard errors of plain sampling over
-!> those of the regression on these samples alone. Forecasts of a pool scale its error by the
-!> samples of the pool (error_with of campaign_samples_needed).
+!> Gain of a regression on the samples of a case: standard errors of plain sampling over those of
+!> the regression on these samples alone. Forecasts of a pool scale its error by the samples of the
+!> pool (error_with of campaign_samples_needed).
 module tradeoff_marches
    use campaign_comparison, only: ratio_replicates
    use campaign_plan, only: plan_type

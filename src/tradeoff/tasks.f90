@@ -97,6 +97,8 @@ contains
       procedure(stop_query) :: should_stop
       type(tradeoff_type), intent(out) :: tradeoff
       type(error_type), allocatable, intent(out) :: error
+      integer, parameter :: enough = 2**22   ! steps of the force record
+      type(plan_type) :: short
       type(spectrum_layout) :: layout
       real(wp) :: cost, long_cost   ! expected costs of a step of all marches [ns]
       integer :: every, i, unit, width
@@ -144,7 +146,14 @@ contains
          cost = tradeoff%n_variant_samples*step_cost*n_levels*max(1, size(tradeoff%scope%variants))
          tradeoff%wide = shortened(plan, unit, affordable(0.3_wp*scope%budget, cost))
       end associate
-      call prepare_runner(with_shorter_record(plan, tradeoff), file_force, tradeoff%runner, error)
+      short = plan
+      if (plan%excitation%kind /= 'file') &   ! long enough for all marches, and drawn in a second
+         short%integration%n_steps = min(plan%integration%n_steps, &
+                                         max(enough, tradeoff%plan%integration%n_steps, &
+                                             tradeoff%long_plan%integration%n_steps, &
+                                             tradeoff%wide%integration%n_steps))
+      if (short%integration%n_steps < plan%integration%n_steps) short%integration%n_discard = 0
+      call prepare_runner(short, file_force, tradeoff%runner, error)
       if (allocated(error)) return
       layout = layout_of(plan)
       if (plan%output%spectrum) tradeoff%n_segments = layout%n_segments
@@ -155,21 +164,6 @@ contains
       call list_tasks(tradeoff)
       allocate (tradeoff%results(size(tradeoff%tasks)))
    end subroutine new_tradeoff
-
-   !> Plan with a shorter force record, which is drawn in a second and long enough for all marches.
-   pure type(plan_type) function with_shorter_record(plan, tradeoff) result(short)
-      type(plan_type), intent(in) :: plan
-      type(tradeoff_type), intent(in) :: tradeoff
-      integer, parameter :: enough = 2**22   ! steps
-
-      short = plan
-      if (plan%excitation%kind == 'file') return
-      short%integration%n_steps = min(plan%integration%n_steps, &
-                                      max(enough, tradeoff%plan%integration%n_steps, &
-                                          tradeoff%long_plan%integration%n_steps, &
-                                          tradeoff%wide%integration%n_steps))
-      if (short%integration%n_steps < plan%integration%n_steps) short%integration%n_discard = 0
-   end function with_shorter_record
 
    !> Number of steps that the budget allows.
    pure integer function affordable(budget, cost)

@@ -44,14 +44,17 @@ contains
       type(plan_type), intent(in) :: plan
       type(order_row), allocatable, intent(out) :: rows(:)
       integer, parameter :: orders(*) = [1, 2, 3, 4, 5, 7, 10, 15, 20]
-      integer :: i, order
+      integer :: highest, i, order
 
       allocate (rows(0))
       do i = 1, size(plan%processes)
          if (is_reference(plan%processes(i))) cycle
          if (any(same_kind(plan%processes(:i - 1), plan%processes(i)))) cycle
          associate (kind => plan%processes(i))
-            do order = 1, highest(kind)
+            ! lower if L1 > 1 is imposed on the direct method, which has 2^m_max sequences of signs
+            highest = max(merge(10, 20, kind%method == 'direct' .and. kind%correlation == 'L1' &
+                                .and. kind%correlation_length > 1.0_wp), kind%order)
+            do order = 1, highest
                if (any(order == orders) .or. &
                    any(same_kind(plan%processes, kind) .and. plan%processes%order == order)) &
                   call add_row(plan%processes, kind, order, rows)
@@ -68,16 +71,6 @@ contains
                   .and. abs(a%correlation_length - b%correlation_length) <= 0.0_wp &
                   .and. abs(a%second_length - b%second_length) <= 0.0_wp
    end function same_kind
-
-   !> Highest order that is fitted. It is lower if L1 > 1 is imposed on the direct method, which has
-   !> 2^m_max sequences of signs.
-   pure integer function highest(request)
-      type(process_request), intent(in) :: request
-
-      highest = max(20, request%order)
-      if (request%method == 'direct' .and. request%correlation == 'L1' &
-          .and. request%correlation_length > 1.0_wp) highest = max(10, request%order)
-   end function highest
 
    !> Fits one order of a kind of process and adds its row if it has a solution.
    subroutine add_row(processes, kind, order, rows)
