@@ -22,6 +22,7 @@ module tradeoff_pilot
    !> variance by 1 % at most, where Welch's estimate scatters by 10 %.
    real(wp), parameter :: negligible = 1.0e-8_wp
    integer, parameter :: largest_every = 16        !! largest k
+   integer, parameter :: fewest_values = 64        !! values of a segment
 
 contains
 
@@ -39,7 +40,7 @@ contains
       type(setting_type) :: own
       real(wp), allocatable :: share(:, :, :)   ! (dof, march, k)
       integer, allocatable :: every(:), marched(:)
-      integer :: c, first, i, n, together, twin(size(plan%cases))
+      integer :: c, first, i, k, n, together, twin(size(plan%cases))
 
       short = only_slip_and_spectra(plan)   ! the plan of the pilot march
       n = min(plan%integration%n_steps, (pilot_segments + 1)*plan%output%segment_length/2)
@@ -54,7 +55,14 @@ contains
       own%work = runner%marcher%work
       if (1.0e-9_wp*n*size(marched)*expected_cost(own, plan%structure%n_dof, size(marched), &
                                                   assumed_transitions) > most_seconds) return
-      every = choices(plan%output%spectrum_every, plan%output%segment_length)
+      every = [max(1, plan%output%spectrum_every)]   ! the given one, or powers of two that divide
+      k = 2                                          ! the segment and leave it fewest_values
+      do while (plan%output%spectrum_every == 0 .and. k <= largest_every .and. &
+                modulo(plan%output%segment_length, k) == 0 .and. &
+                plan%output%segment_length/k >= fewest_values)
+         every = [every, k]
+         k = 2*k
+      end do
       allocate (share(plan%structure%n_dof, size(marched), size(every)))
       together = max(1, min(size(marched), int(most_pilot_memory/memory_of_pilot(plan))))
       do first = 1, size(marched), together
@@ -126,23 +134,5 @@ contains
          end if
       end associate
    end function mean_friction
-
-   !> Values of k that are tried, ascending: the given one, or powers of two that divide the segment
-   !> and leave it at least 64 values.
-   pure function choices(given, segment_length) result(every)
-      integer, intent(in) :: given             !! 0: not given
-      integer, intent(in) :: segment_length
-      integer, allocatable :: every(:)
-      integer, parameter :: fewest_values = 64
-      integer :: k
-
-      every = [max(1, given)]
-      k = 2
-      do while (given == 0 .and. k <= largest_every .and. modulo(segment_length, k) == 0 .and. &
-                segment_length/k >= fewest_values)
-         every = [every, k]
-         k = 2*k
-      end do
-   end function choices
 
 end module tradeoff_pilot
