@@ -84,7 +84,9 @@ contains
       if (present(decay)) problem%decay = decay
       if (problem%decay > 0.0_wp) then
          kappa(1::2) = -kappa(1::2)
-         problem%n_lags = max(problem%n_lags, 2*memory_of(problem%decay, 1.0e-4_wp))
+         ! the more lags L1 counts, the more noise it has
+         problem%n_lags = max(problem%n_lags, merge(1, 2, request%correlation == 'both') &
+                              *memory_of(problem%decay, 1.0e-4_wp))
          problem%memory = max(problem%memory, 3*memory_of(problem%decay, 1.0e-9_wp))
       end if
       problem%companion = coefficients_of(kappa)

@@ -131,17 +131,21 @@ contains
       real(wp), intent(out) :: limit(2)                  !! see `follow_targets`
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: max_passes = 4
-      integer, parameter :: finer_steps = 1024   ! steps of a batch
+      ! steps of a batch with both lengths, else L1 is lost in noise: K(m) >= 0, alternating
+      integer, parameter :: finer_steps(2) = [1024, 4096]
       type(process_request) :: one
       type(first_order_law) :: first
-      real(wp) :: decay, l1, limit_of_order_1
+      real(wp) :: decay, limit_of_order_1
       integer :: n_steps, pass
 
       limit = 0.0_wp
       n_steps = search_steps
       one = request
       one%order = 1
-      if (request%correlation == 'both') one%correlation = 'L0'   ! its L1 is another
+      if (request%correlation == 'both') then
+         one%correlation = 'L0'   ! its L1 is another
+         n_steps = finer_steps(merge(2, 1, is_alternating))
+      end if
       call find_limit(one, is_alternating, limit_of_order_1, error)
       if (allocated(error)) return
       one%std = min(request%std, inside*limit_of_order_1*request%mean)
@@ -159,20 +163,12 @@ contains
          search%last%moments%std = first%std
          search%n_steps = n_steps
          call search%set_burn_in()
-         l1 = merge(request%second_length, first%l1, n_steps == search_steps)
-         call follow_targets(search, [one%std/request%mean, l1], limit)
+         call follow_targets(search, [one%std/request%mean, first%l1], limit)
          if (.not. (limit(1) > 0.0_wp .or. search%is_exhausted()) .and. pass < max_passes) then
             one%std = 0.8_wp*one%std   ! start at a lower std/mean
             cycle
          end if
          if (search%found%is_converged) call match_signs(search)
-         if (request%correlation == 'both' .and. n_steps == search_steps .and. &
-             (is_alternating .or. limit(1) >= search%problem%ratio) .and. &
-             .not. (search%found%is_converged .or. search%is_exhausted())) then
-            n_steps = finer_steps   ! begin at L1 of order 1, not lost in noise
-            one%std = min(request%std, inside*limit_of_order_1*request%mean)
-            cycle
-         end if
          if (.not. search%found%is_converged) exit
          if (.not. is_alternating) return
          if (has_decayed(search)) return
