@@ -36,7 +36,7 @@ FORCES = """\
 /"""
 PROCESS = "&process correlation_length = 0.3 order = 2 mean = 1.0 std = 0.3 {values} /\n"
 
-UNSOLVED = "no solution"
+UNSOLVED = "no solution, or a note"
 
 # what a scene asks for -> the scene; what is in the results of all of a kind is there always
 MOTIONS = {"": BAREST} | {
@@ -137,8 +137,8 @@ ATTRIBUTES = {
     "program": "entroslip",
     "fit_seconds": "CPU time of the fit",
     "memory": "lags after which a value is forgotten, to 1e-9",
-    "order_found": "order of the recursion; where `order` is chosen, the chosen one",
-    "reason": "why there is no solution, with the nearest request that has one",
+    "order_found": "order of the recursion: given, chosen, or a lower one (see `reason`)",
+    "reason": "why no solution, a lower order, or no search of a branch to its end",
     "reference": "reference of the errors",
     "sampler": "law of a positive process: 'sequential' or 'exact'",
     "scene": "text of the scene",

@@ -104,6 +104,10 @@ contains
       varied = plan
       varied%processes = scope%variants%request
       call solve_processes(world, varied, scope%variant_models)
+      associate (found_ones => scope%variant_models)   ! a lower order is another variant
+         found_ones%is_solved = found_ones%is_solved .and. &
+                                found_ones%order == varied%processes%order
+      end associate
       if (world%any_true(time_to_stop())) return
       call measure_settings(world, plan, force, scope, found%tradeoff, error)
       if (world%any_true(time_to_stop())) return

@@ -27,7 +27,7 @@ module driver_whatif
    private
    public :: whatif
 
-   integer, parameter :: number_width = 6, cell_width = 18   !! columns of tables
+   integer, parameter :: number_width = 5, cell_width = 19   !! columns of tables
 
    !> Samples of a results file, and cases without samples for the new laws.
    type :: question_type

@@ -92,7 +92,10 @@ contains
             estimate%request%order = fits(1)%order
             call fit_process(estimate%request, seed, estimate%model)
          end if
-         if (estimate%model%is_solved) exit
+         if (estimate%model%is_solved) then
+            estimate%request%order = estimate%model%order   ! a lower one if none of it was found
+            exit
+         end if
          if (.not. allocated(estimate%refusal)) &
             estimate%refusal = 'no process of order '//to_text(estimate%request%order)// &
                                ' has the estimates (mean '//brief(estimate%mean)//', std '// &

@@ -41,6 +41,8 @@ contains
          else
             call fit_unconstrained(resolved, model, error)
          end if
+         if (request%positive .and. .not. (model%is_solved .or. request%bounds(1) > 0.0_wp)) &
+            call take_lower_order(resolved, seed, model)
       end if
       if (allocated(error)) then
          model%is_solved = .false.
@@ -49,6 +51,27 @@ contains
       call scale_to_request(request, model)
       call check_simulation(model)
    end subroutine fit_process
+
+   !> Takes the process of order 2, else of order 1, which every order contains, in place of one
+   !> that was refused; `model%reason` says so. Both lengths leave order 2 nothing to search.
+   subroutine take_lower_order(request, seed, model)
+      type(process_request), intent(in) :: request   !! positive, with its order
+      integer(long), intent(in) :: seed
+      type(process_model_type), intent(inout) :: model   !! stays as it is if there is none
+      type(process_request) :: lower
+      type(process_model_type) :: other
+
+      if (request%method == 'direct') return
+      lower = request
+      do while (lower%order > merge(2, 1, request%correlation == 'both'))
+         lower%order = min(lower%order - 1, 2)
+         call fit_positive(lower, seed, other)
+         if (.not. other%is_solved) cycle
+         other%reason = model%reason//'; taken is the process of order = '//to_text(lower%order)
+         model = other
+         return
+      end do
+   end subroutine take_lower_order
 
    !> Fits a process of the direct method by the result of a complete search for its signs.
    subroutine fit_from_sign_search(request, search, model)

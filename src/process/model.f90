@@ -171,7 +171,9 @@ contains
          note = 'alternating K(m) may be searched too, for up to a minute or two: '// &
                 "branch = 'nonnegative' leaves them out"
       if (model%branch /= 'alternating') return
-      note = "K(m) alternates: neighbours are anticorrelated; branch = 'nonnegative' refuses it"
+      if (len(note) > 0) note = note//'; '
+      note = note//'K(m) alternates: neighbours are anticorrelated; '// &
+             "branch = 'nonnegative' refuses it"
       if (abs(model%nonnegative_entropy) > 0.0_wp) &
          note = note//"; sampler = '"//trim(merge('exact     ', 'sequential', &
                                                   model%request%sampler == 'sequential'))// &

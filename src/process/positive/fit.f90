@@ -46,7 +46,6 @@ contains
       call fit_far_from_zero(request, model)
       if (.not. model%is_solved) then
          call fit_near_zero(request, seed, model, error)
-         if (allocated(error)) call name_lower_order(request, seed, error)
          if (.not. allocated(error)) call compare_other_law(request, seed, model)
       end if
       model%is_solved = .not. allocated(error)
@@ -69,24 +68,6 @@ contains
          call fit_sampled(request, seed, model, error)
       end if
    end subroutine fit_near_zero
-
-   !> Adds to a refusal that a lower order, which this order contains, has such a process: order 1,
-   !> solved by quadrature, or of both lengths order 2, which they leave nothing to search.
-   subroutine name_lower_order(request, seed, error)
-      type(process_request), intent(in) :: request
-      integer(long), intent(in) :: seed
-      type(error_type), intent(inout) :: error
-      type(process_request) :: lower
-      type(process_model_type) :: other
-      type(error_type), allocatable :: failure
-
-      lower = request
-      lower%order = merge(2, 1, request%correlation == 'both')
-      if (request%method == 'direct' .or. request%order <= lower%order) return
-      call fit_near_zero(lower, seed, other, failure)
-      if (.not. allocated(failure)) error%message = error%message//'; order = '// &
-                                                    to_text(lower%order)//' has such a process'
-   end subroutine name_lower_order
 
    !> Solves the request on simulated values: on the branch of the unconstrained process and, where
    !> that fails or has less entropy than the alternating one can have, on that one too. Takes the
@@ -242,6 +223,11 @@ contains
             end if
          end if
          if (allocated(error)) then
+            one%branch = request%branch
+            if (is_first_order(one) .and. .not. has_first_order) then
+               call match_first_order(one, first_order, refusal)
+               has_first_order = .not. allocated(refusal)
+            end if
             if (.not. (search%is_exhausted() .or. has_first_order .or. has_others)) return
             deallocate (error)
             model%branch = 'open'
