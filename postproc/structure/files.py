@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from ..output import InputError
 from .harwell_boeing import is_harwell_boeing, read_harwell_boeing
-from .pair import Matrix, Pair, lowest_frequency, symmetric_part
+from .pair import Matrix, Pair, lowest_frequency, mirrored, symmetric_part
 from .text_matrix import Dof, Entries, held_dofs, name, read_abaqus, read_dmig
 
 # Names of the matrices of each kind in files that hold several, in small letters.
@@ -199,7 +199,7 @@ def _of_entries(entries: Entries) -> _Read:
             (np.array(list(values.values())), (row, column)), shape=(len(dofs), len(dofs))
         )
         if is_half:
-            matrix = sp.csc_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
+            matrix = mirrored(matrix)
         return matrix
 
     return _Read(

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..output import InputError, read_text
-from .pair import Matrix
+from .pair import Matrix, mirrored
 
 _KIND = re.compile(rb"[RCPI][SUHZR][AE]\s")  # type of the matrix, at the start of the third line
 _FORMAT = re.compile(r"(\d*)[IEDFG](\d+)")  # numbers in a line and characters of each, (3E25.15)
@@ -43,5 +43,5 @@ def read_harwell_boeing(path: Path) -> Matrix:
     value = np.array([float(word.replace("D", "E")) for word in words[2]])
     matrix = sp.csc_array((value, row, column), shape=size)
     if kind == "RSA" and 0 in (sp.tril(matrix, -1).nnz, sp.triu(matrix, 1).nnz):
-        matrix = sp.csc_array(matrix + matrix.T - sp.diags_array(matrix.diagonal()))
+        matrix = mirrored(matrix)
     return matrix

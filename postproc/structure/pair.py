@@ -65,6 +65,11 @@ class Pair:
             raise InputError(f"dof {label}: is not among {self.n_dof} dofs: {shown}") from None
 
 
+def mirrored(triangle: Matrix) -> Matrix:
+    """The symmetric matrix of which one triangle is given."""
+    return sp.csc_array(triangle + triangle.T - sp.diags_array(triangle.diagonal()))
+
+
 def symmetric_part(name: str, matrix: Matrix, labels: Sequence[str]) -> Matrix:
     """(A + A')/2; an asymmetry above rounding is refused where it is largest."""
     entries = matrix.tocoo()
