@@ -19,8 +19,8 @@ module driver_tradeoff
    use io_tradeoff_results, only: tradeoff_findings, write_tradeoff
    use parallel_world, only: start_world, world_type
    use process_model, only: process_model_type
-   use tradeoff_front, only: components_of, setting_rows_of, size_rows_of, spectrum_rows_of, &
-                             variant_rows_of
+   use tradeoff_effects, only: variant_rows_of
+   use tradeoff_front, only: components_of, setting_rows_of, size_rows_of, spectrum_rows_of
    use tradeoff_tasks, only: trial_scope
    use tradeoff_variants, only: compare_orders, list_variants
    implicit none(type, external)

@@ -8,7 +8,7 @@ module driver_tradeoff_text
    use io_tradeoff_results, only: tradeoff_findings
    use numerics_sorting, only: sort_order
    use process_model, only: process_model_type
-   use tradeoff_front, only: meets_targets
+   use tradeoff_front, only: has_drawn_friction, meets_targets
    use tradeoff_settings, only: reference_setting, setting_dt
    use tradeoff_task_results, only: band_ratio, n_published, psd_mean, psd_percentiles, slip, &
                                     slip_std
@@ -133,7 +133,7 @@ contains
          n_samples = maxval(plan%cases%n_samples)
          parts = reshape([errors%discretisation, errors%time, errors%samples], shape(parts))
          text = row_text(columns, columns)
-         do i = 1, merge(3, 2, any(plan%cases%process > 0))
+         do i = 1, merge(3, 2, has_drawn_friction(plan))
             associate (part => parts(:, i), spectrum => plan%output%spectrum)
                text = text//row_text(columns, '  '//names(i)//'|'//brief(part(slip))//'|'// &
                       known(part(slip_std), n_samples > 1)//'|'// &
@@ -161,7 +161,7 @@ contains
             remedy = 'integration%n_steps = '//brief(4.0_wp*plan%integration%n_steps)
             if (plan%excitation%kind == 'file') then
                remedy = remedy//', with a record as long'
-            else if (.not. plan%excitation%per_sample .and. any(plan%cases%process > 0) .and. &
+            else if (.not. plan%excitation%per_sample .and. has_drawn_friction(plan) .and. &
                      n_samples >= 4) then
                remedy = 'excitation%per_sample = .true. ('// &
                         brief(parts(slip, 2)/sqrt(1.0_wp*n_samples))//' points are left), or '// &

@@ -5,7 +5,8 @@ module io_tradeoff_results
    use core_error, only: error_type
    use core_kinds, only: wp
    use io_hdf5, only: hdf5_file, hdf5_group
-   use tradeoff_front, only: error_parts, setting_row, size_row, spectrum_row, variant_row
+   use tradeoff_effects, only: variant_row
+   use tradeoff_front, only: error_parts, setting_row, size_row, spectrum_row
    use tradeoff_settings, only: setting_dt
    use tradeoff_task_results, only: band_ratio, psd_mean, psd_percentiles, slip, slip_mean, slip_std
    use tradeoff_tasks, only: tradeoff_type
