@@ -54,10 +54,12 @@ contains
       type(joint_properties), intent(in) :: joints
       type(modal_blocks), intent(in) :: blocks   !! those of a step
       real(wp), intent(in) :: dt, tolerance
+      real(wp) :: amplitude(size(blocks%rate))
 
+      amplitude = oscillations(joints, blocks, dt)
       n_parts = 1
       do while (n_parts < 2**30)
-         if (path_error(joints, blocks, dt, n_parts) <= tolerance) return
+         if (path_error(joints, blocks, amplitude, dt, n_parts) <= tolerance) return
          n_parts = 2*n_parts
       end do
    end function parts_of_step
@@ -72,7 +74,7 @@ contains
       type(error_type), allocatable, intent(out) :: error
       integer, parameter :: halvings = 100
       type(joint_properties) :: joints
-      type(modal_blocks) :: blocks
+      type(modal_blocks) :: blocks, shorter
       real(wp) :: share   ! of dt
       integer :: i
 
@@ -83,8 +85,9 @@ contains
       if (allocated(error)) return
       do i = 0, halvings
          share = longest/dt + 0.5_wp**i
-         if (path_error(joints, blocks%scaled(share), share*dt, n_parts) <= tolerance) &
-            longest = share*dt
+         shorter = blocks%scaled(share)
+         if (path_error(joints, shorter, oscillations(joints, shorter, share*dt), share*dt, &
+                        n_parts) <= tolerance) longest = share*dt
          if (longest >= dt) return
       end do
    end subroutine longest_in_parts
@@ -130,9 +133,10 @@ contains
    !> Error of the paths of joints with n_parts parts a step, relative to the rms displacement (M7):
    !> that of the polynomial (M4), 3.22e-6 rho^6 of the amplitude of a block, and that of the
    !> responses to sliders, also in joints that slide on.
-   pure real(wp) function path_error(joints, step_blocks, dt, n_parts)
+   pure real(wp) function path_error(joints, step_blocks, amplitude, dt, n_parts)
       type(joint_properties), intent(in) :: joints
       type(modal_blocks), intent(in) :: step_blocks   !! those of a step
+      real(wp), intent(in) :: amplitude(:)            !! (block) of oscillations
       real(wp), intent(in) :: dt                      !! [s]
       integer, intent(in) :: n_parts
       type(modal_blocks) :: blocks
@@ -142,8 +146,7 @@ contains
       if (size(missed) == 0) return
       blocks = step_blocks%scaled(1.0_wp/n_parts)
       missed = missed_responses(joints, blocks, dt/n_parts)
-      path_error = safety*(maxval(oscillations(joints, step_blocks, dt) &
-                                  *min(blocks%rate, quintic_error*blocks%rate**6)) &
+      path_error = safety*(maxval(amplitude*min(blocks%rate, quintic_error*blocks%rate**6)) &
                            + maxval(missed)/n_parts) &
                    + maxval(missed*accumulation(joints, dt/n_parts, n_parts))
    end function path_error
@@ -220,6 +223,7 @@ contains
       real(wp), dimension(size(amplitude)) :: decay, kink, rate   ! decay, rate of a step
 
       amplitude = shares(joints%gain, blocks, 1)
+      if (size(inputs, 1) == 0) return
       inputs = dt**2*norms(transpose(blocks%inputs(transpose(joints%gain))), blocks%ports)
       outputs = norms(blocks%outputs(joints%gain, .false.), blocks%ports)
       rate = max(1.0_wp, blocks%rate)
